@@ -1,0 +1,1 @@
+//! Observation log, anti-entropy and an in-process network simulator for scene graphs.

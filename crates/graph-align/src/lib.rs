@@ -1,0 +1,1 @@
+//! Training-free alignment and merge of 3D semantic scene graphs.

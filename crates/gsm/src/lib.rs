@@ -1,0 +1,1 @@
+//! Incremental geometric segmentation of depth frames into surfels and segments.

@@ -1,0 +1,2 @@
+//! The command line of MA3DSG.
+fn main() {}

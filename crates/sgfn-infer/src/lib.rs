@@ -1,0 +1,1 @@
+//! SceneGraphFusion network (SGFN) inference on the CPU.
