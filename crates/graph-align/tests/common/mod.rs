@@ -1,0 +1,73 @@
+//! Random scene graphs for property tests.
+
+use graph_align::{Box3, Edge, LabelId, Node, NodeId, PredicateId, SceneGraph, Vocabulary};
+use proptest::prelude::*;
+
+pub(crate) const LABELS: u16 = 6;
+pub(crate) const PREDICATES: u16 = 3;
+
+pub(crate) fn vocabulary() -> Vocabulary {
+    let l: Vec<String> = (0..LABELS).map(|k| format!("label{k}")).collect();
+    let p: Vec<String> = (0..PREDICATES).map(|k| format!("predicate{k}")).collect();
+    Vocabulary::new(l.iter().map(String::as_str), p.iter().map(String::as_str)).expect("few names")
+}
+
+/// A graph with up to `n` nodes on distinct places and up to 3n edges.
+pub(crate) fn graph(n: usize) -> impl Strategy<Value = SceneGraph> {
+    let node = (
+        0..LABELS,
+        prop::array::uniform3(-500_i32..500),
+        prop::array::uniform3(5_u16..200),
+        0_u8..=255,
+        1_u32..9,
+        0_u32..5000,
+    );
+    let edge = (any::<prop::sample::Index>(), any::<prop::sample::Index>(), 0..PREDICATES, 0_u8..=255);
+    (prop::collection::vec(node, 0..n), prop::collection::vec(edge, 0..3 * n)).prop_map(|(nodes, edges)| {
+        let mut g = SceneGraph::default();
+        let count = nodes.len();
+        for (k, (label, c, e, score, sightings, seen)) in nodes.into_iter().enumerate() {
+            let bounds = Box3::new(c.map(|v| v as f32 / 100.0), e.map(|v| f32::from(v) / 100.0)).expect("finite");
+            g.insert_node(Node {
+                id: NodeId(k as u64 * 7 + 3),
+                label: LabelId(label),
+                score: f32::from(score) / 255.0,
+                bounds,
+                sightings,
+                last_seen: f64::from(seen) / 10.0,
+            });
+        }
+        for (s, t, p, score) in edges {
+            if count > 1 {
+                let (s, t) = (NodeId(s.index(count) as u64 * 7 + 3), NodeId(t.index(count) as u64 * 7 + 3));
+                if s != t {
+                    let e = Edge { s, t, p: PredicateId(p), score: f32::from(score) / 255.0 };
+                    g.insert_edge(e).expect("living ends");
+                }
+            }
+        }
+        g
+    })
+}
+
+/// The same graph under other ids, its nodes in another order.
+pub(crate) fn renamed(g: &SceneGraph, rename: impl Fn(NodeId) -> NodeId) -> SceneGraph {
+    let mut out = SceneGraph::default();
+    for n in g.nodes() {
+        out.insert_node(Node { id: rename(n.id), ..n.clone() });
+    }
+    for e in g.edges() {
+        out.insert_edge(Edge { s: rename(e.s), t: rename(e.t), ..e }).expect("living ends");
+    }
+    out
+}
+
+/// Edges only between living nodes, seen from both ends.
+pub(crate) fn is_sound(g: &SceneGraph) -> bool {
+    g.edges().all(|e| {
+        g.node(e.s).is_some()
+            && g.node(e.t).is_some()
+            && g.outgoing(e.s).any(|o| o == e)
+            && g.incoming(e.t).any(|o| o == e)
+    })
+}
