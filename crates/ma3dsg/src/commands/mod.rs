@@ -1,0 +1,30 @@
+//! One module per command.
+
+mod align;
+mod infer;
+
+use anyhow::Result;
+use std::process::ExitCode;
+
+#[derive(clap::Subcommand)]
+pub(crate) enum Command {
+    /// Align a query graph with a reference graph, or a folder of cases.
+    Align(align::Args),
+    /// Recompute stored vectors of the network and compare every tensor.
+    Infer(infer::Args),
+}
+
+impl Command {
+    pub(crate) fn run(self) -> Result<ExitCode> {
+        match self {
+            Self::Align(a) => a.run(),
+            Self::Infer(a) => a.run(),
+        }
+    }
+}
+
+/// Prints a line to standard output. A closed pipe is no error: the reader has what it wanted.
+pub(crate) fn say(line: impl std::fmt::Display) {
+    use std::io::Write;
+    let _ = writeln!(std::io::stdout(), "{line}");
+}
