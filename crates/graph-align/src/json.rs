@@ -1,6 +1,8 @@
 //! Graph files (`ma3dsg-graph/1`) and alignment cases (`align-case/2`), text to types and back.
 
-use crate::{Box3, Edge, Error, LabelId, Looked, Match, Node, NodeId, Outcome, SceneGraph, Verdict, Vocabulary};
+use crate::{
+    Box3, Edge, Error, LabelId, Looked, Match, Node, NodeId, Outcome, SceneGraph, Verdict, Vocabulary,
+};
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -239,7 +241,11 @@ impl Case {
                 }));
                 v["removed"] = json!(m.removed.iter().map(|r| r.0).collect::<Vec<_>>());
                 v["added"] = json!(
-                    m.verdicts.iter().filter(|(_, v)| **v == Verdict::New).map(|(q, _)| q.0).collect::<Vec<_>>()
+                    m.verdicts
+                        .iter()
+                        .filter(|(_, v)| **v == Verdict::New)
+                        .map(|(q, _)| q.0)
+                        .collect::<Vec<_>>()
                 );
                 v["score"] = json!(m.score);
                 v["margin"] = json!(m.margin);

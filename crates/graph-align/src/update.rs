@@ -47,7 +47,9 @@ fn merge(reference: &SceneGraph, query: &SceneGraph, m: &Match) -> SceneGraph {
     for q in query.nodes() {
         let verdict = m.verdicts.get(&q.id).copied().unwrap_or(Verdict::New);
         let known = match verdict {
-            Verdict::Same(r) | Verdict::Relabelled(r) | Verdict::Moved(r) => observe(&mut out, q, r, verdict, m),
+            Verdict::Same(r) | Verdict::Relabelled(r) | Verdict::Moved(r) => {
+                observe(&mut out, q, r, verdict, m)
+            }
             Verdict::New => None,
         };
         let id = known.unwrap_or_else(|| add(&mut out, q, &m.reference_from_query));

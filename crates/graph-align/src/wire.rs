@@ -9,7 +9,9 @@
 //! before, object's index v, predicate v, score u8.
 
 use crate::graph::quantise_score;
-use crate::{Box3, Edge, Error, Key, LabelId, Node, NodeId, Observation, PredicateId, SceneGraph, Vocabulary};
+use crate::{
+    Box3, Edge, Error, Key, LabelId, Node, NodeId, Observation, PredicateId, SceneGraph, Vocabulary,
+};
 
 const MAGIC: &[u8; 4] = b"MSG1";
 /// Most nodes of a frame.
@@ -193,7 +195,9 @@ impl<'a> Reader<'a> {
             let v = self.varint()?;
             let id = match ids.last() {
                 None => v,
-                Some(last) => last.0.checked_add(v).filter(|_| v > 0).ok_or_else(|| self.bad("ids not rising"))?,
+                Some(last) => {
+                    last.0.checked_add(v).filter(|_| v > 0).ok_or_else(|| self.bad("ids not rising"))?
+                }
             };
             ids.push(NodeId(id));
         }

@@ -55,6 +55,12 @@ pub trait Dataset: Sync {
     /// Unknown scans and unreadable files.
     fn relations(&self, scan: &str) -> Result<Vec<Relation>, Error>;
 
+    /// How many frames a visit has, without reading or rendering them.
+    ///
+    /// # Errors
+    /// Unknown scans and unreadable files.
+    fn frame_count(&self, scan: &str, visit: u64) -> Result<u32, Error>;
+
     /// The frames of a visit, poses in the scan's own frame.
     ///
     /// # Errors

@@ -103,6 +103,10 @@ impl Dataset for Folder {
         Ok(self.relations.of_scan(scan))
     }
 
+    fn frame_count(&self, scan: &str, _visit: u64) -> Result<u32, Error> {
+        Ok(Sequence::open(&self.scan_dir(scan)?)?.numbers().len() as u32)
+    }
+
     fn frames(&self, scan: &str, _visit: u64) -> Result<FrameStream<'_>, Error> {
         Ok(Sequence::open(&self.scan_dir(scan)?)?.into_frames())
     }

@@ -32,7 +32,10 @@ impl Intrinsics {
     pub fn new(fx: f32, fy: f32, cx: f32, cy: f32, width: u32, height: u32) -> Result<Self, Error> {
         for (field, f) in [("fx", fx), ("fy", fy)] {
             if !(f.is_finite() && f > 0.0) {
-                return Err(Error::Value { field, problem: format!("focal length {f}, want a positive number") });
+                return Err(Error::Value {
+                    field,
+                    problem: format!("focal length {f}, want a positive number"),
+                });
             }
         }
         for (field, c) in [("cx", cx), ("cy", cy)] {

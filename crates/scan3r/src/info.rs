@@ -39,11 +39,14 @@ impl SequenceInfo {
         let text = field(name)?;
         let k: Vec<f32> = text.split_whitespace().filter_map(|t| t.parse().ok()).collect();
         if k.len() != 16 {
-            return Err(Error::format(path, name, format!("{} numbers, want the 16 of a 4x4 matrix", k.len())));
+            return Err(Error::format(
+                path,
+                name,
+                format!("{} numbers, want the 16 of a 4x4 matrix", k.len()),
+            ));
         }
-        let depth =
-            Intrinsics::new(k[0], k[5], k[2], k[6], int("m_depthWidth")?, int("m_depthHeight")?)
-                .map_err(|e| Error::format(path, name, e.to_string()))?;
+        let depth = Intrinsics::new(k[0], k[5], k[2], k[6], int("m_depthWidth")?, int("m_depthHeight")?)
+            .map_err(|e| Error::format(path, name, e.to_string()))?;
         let frames = field("m_frames.size").ok().and_then(|v| v.parse().ok());
         Ok(Self { depth, per_metre, frames })
     }
@@ -52,7 +55,8 @@ impl SequenceInfo {
     #[must_use]
     pub fn text(&self) -> String {
         let d = &self.depth;
-        let matrix = |fx: f32, fy: f32, cx: f32, cy: f32| format!("{fx} 0 {cx} 0 0 {fy} {cy} 0 0 0 1 0 0 0 0 1");
+        let matrix =
+            |fx: f32, fy: f32, cx: f32, cy: f32| format!("{fx} 0 {cx} 0 0 {fy} {cy} 0 0 0 1 0 0 0 0 1");
         let identity = "1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1";
         let (sx, sy) = (960.0 / d.width as f32, 540.0 / d.height as f32);
         format!(

@@ -30,15 +30,8 @@ const L20: [&str; 20] = [
 ];
 
 /// The seven support relations that l20 scores, in network order.
-const SUPPORT: [&str; 7] = [
-    "attached to",
-    "build in",
-    "connected to",
-    "hanging on",
-    "part of",
-    "standing on",
-    "supported by",
-];
+const SUPPORT: [&str; 7] =
+    ["attached to", "build in", "connected to", "hanging on", "part of", "standing on", "supported by"];
 
 /// The 26 predicates of the 3DSSG subset, in network order.
 const PREDICATES: [&str; 26] = [
@@ -103,8 +96,11 @@ pub const RELATIONSHIP_IDS: [&str; 27] = [
 ];
 
 static L20_OF_RAW: LazyLock<Vec<(&str, &str)>> = LazyLock::new(|| {
-    let mut rows: Vec<_> =
-        include_str!("l20.tsv").lines().filter(|l| !l.starts_with('#')).filter_map(|l| l.split_once('\t')).collect();
+    let mut rows: Vec<_> = include_str!("l20.tsv")
+        .lines()
+        .filter(|l| !l.starts_with('#'))
+        .filter_map(|l| l.split_once('\t'))
+        .collect();
     rows.sort_unstable();
     rows
 });

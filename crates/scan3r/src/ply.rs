@@ -114,7 +114,11 @@ pub fn read_ply(bytes: &[u8], path: &Path) -> Result<AnnotatedVertices, Error> {
             let fields: Vec<&str> = line.split_ascii_whitespace().collect();
             let value = |k: usize| {
                 fields.get(k).and_then(|f| f.parse().ok()).ok_or_else(|| {
-                    Error::format(path, format!("vertex {row}"), format!("field {} is no number", h.columns[k].0))
+                    Error::format(
+                        path,
+                        format!("vertex {row}"),
+                        format!("field {} is no number", h.columns[k].0),
+                    )
                 })
             };
             push(row, [value(at[0])?, value(at[1])?, value(at[2])?, value(at[3])?])?;
@@ -162,7 +166,9 @@ fn header(bytes: &[u8], path: &Path) -> Result<Header, Error> {
         match line.split_ascii_whitespace().collect::<Vec<_>>()[..] {
             ["format", "ascii", _] => (h.ascii, format) = (true, true),
             ["format", "binary_little_endian", _] => (h.ascii, format) = (false, true),
-            ["format", other, ..] => return Err(bad(&format!("format {other}, want ascii or binary_little_endian"))),
+            ["format", other, ..] => {
+                return Err(bad(&format!("format {other}, want ascii or binary_little_endian")));
+            }
             ["element", name, count] => {
                 elements += 1;
                 inside = name == "vertex";
@@ -171,8 +177,8 @@ fn header(bytes: &[u8], path: &Path) -> Result<Header, Error> {
                 }
                 if inside {
                     let rows = count.parse::<u64>().ok().filter(|&n| n <= MAX_ROWS);
-                    h.rows =
-                        rows.ok_or_else(|| bad(&format!("{count} vertices, want at most {MAX_ROWS}")))? as usize;
+                    h.rows = rows.ok_or_else(|| bad(&format!("{count} vertices, want at most {MAX_ROWS}")))?
+                        as usize;
                 }
             }
             ["property", "list", ..] if inside => return Err(bad("a list among the vertex properties")),

@@ -71,13 +71,17 @@ impl Recording {
     /// A folder without a recording, saying what was looked for.
     pub fn open(dir: &Path, format: Option<Format>) -> Result<Self, Error> {
         if !dir.is_dir() {
-            return Err(Error::Missing { path: dir.to_owned(), hint: "want the folder of a recording".into() });
+            return Err(Error::Missing {
+                path: dir.to_owned(),
+                hint: "want the folder of a recording".into(),
+            });
         }
         let format = format.or_else(|| Format::detect(dir)).ok_or_else(|| Error::Missing {
             path: dir.to_owned(),
-            hint: "no recording: want sequence.zip or sequence/ (3RScan), frame-NNNNNN.depth.png (7-Scenes), \
+            hint:
+                "no recording: want sequence.zip or sequence/ (3RScan), frame-NNNNNN.depth.png (7-Scenes), \
                    or depth.txt with groundtruth.txt (TUM)"
-                .into(),
+                    .into(),
         })?;
         match format {
             Format::ThreeRScan => {
@@ -168,7 +172,11 @@ fn intrinsics(
     let text = files::read_text(&path)?;
     let k: Vec<f32> = text.split_whitespace().filter_map(|t| t.parse().ok()).collect();
     if k.len() != 9 {
-        return Err(Error::format(&path, "matrix", format!("{} numbers, want the 9 of a 3x3 matrix", k.len())));
+        return Err(Error::format(
+            &path,
+            "matrix",
+            format!("{} numbers, want the 9 of a 3x3 matrix", k.len()),
+        ));
     }
     Intrinsics::new(k[0], k[4], k[2], k[5], width, height)
         .map_err(|e| Error::format(&path, "matrix", e.to_string()))

@@ -54,7 +54,9 @@ impl Store {
         let prefix = zip
             .file_names()
             .filter_map(Result::ok)
-            .find_map(|n| n.strip_suffix("_info.txt").filter(|p| matches!(*p, "" | "sequence/")).map(str::to_owned))
+            .find_map(|n| {
+                n.strip_suffix("_info.txt").filter(|p| matches!(*p, "" | "sequence/")).map(str::to_owned)
+            })
             .ok_or_else(|| Error::format(&path, "archive", "no entry _info.txt or sequence/_info.txt"))?;
         Ok(Self::Archive { path, prefix, zip: Box::new(zip) })
     }
@@ -83,9 +85,11 @@ impl Store {
                 .map_err(Error::io(dir))?
                 .filter_map(|e| number(e.ok()?.file_name().to_str()?))
                 .collect(),
-            Self::Archive { prefix, zip, .. } => {
-                zip.file_names().filter_map(Result::ok).filter_map(|n| number(n.strip_prefix(prefix.as_str())?)).collect()
-            }
+            Self::Archive { prefix, zip, .. } => zip
+                .file_names()
+                .filter_map(Result::ok)
+                .filter_map(|n| number(n.strip_prefix(prefix.as_str())?))
+                .collect(),
         };
         numbers.sort_unstable();
         numbers.dedup();

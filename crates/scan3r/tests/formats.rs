@@ -7,8 +7,8 @@ use scan3r::info::SequenceInfo;
 use scan3r::ply::{AnnotatedVertices, read_ply, write_ply};
 use scan3r::pose::{parse_pose, pose_text};
 use scan3r::{
-    Annotation, Dataset, Error, Folder, Format, Frame, FrameStream, Intrinsics, Recording, Relation, RoomEntry,
-    write_dataset,
+    Annotation, Dataset, Error, Folder, Format, Frame, FrameStream, Intrinsics, Recording, Relation,
+    RoomEntry, write_dataset,
 };
 use std::path::Path;
 
@@ -23,7 +23,13 @@ fn pgm_samples_are_big_endian() {
     assert_eq!((image.width, image.height, &image.samples[..]), (2, 1, &[0x102, 0xffff][..]));
     assert_eq!(image.metres(1000.0), [0.258, 0.0]);
     assert_eq!(read_pgm(b"P5\n2 1\n255\n\x07\x08", file()).expect("8 bits").samples, [7, 8]);
-    for bad in [&b""[..], b"P6\n1 1\n255\n\0\0\0", b"P5\n99999 99999\n65535\n", b"P5\n2 2\n65535\n\0\0", b"P5\n0 1\n255\n"] {
+    for bad in [
+        &b""[..],
+        b"P6\n1 1\n255\n\0\0\0",
+        b"P5\n99999 99999\n65535\n",
+        b"P5\n2 2\n65535\n\0\0",
+        b"P5\n0 1\n255\n",
+    ] {
         let said = read_pgm(bad, file()).expect_err("damaged").to_string();
         assert!(said.contains("some.file"), "{said}");
     }
@@ -123,6 +129,9 @@ impl Dataset for Tiny {
     fn relations(&self, _: &str) -> Result<Vec<Relation>, Error> {
         Ok(vec![Relation { subject: 2, object: 1, predicate: "standing on".into() }])
     }
+    fn frame_count(&self, _: &str, _: u64) -> Result<u32, Error> {
+        Ok(3)
+    }
     fn frames(&self, _: &str, _: u64) -> Result<FrameStream<'_>, Error> {
         let k = Intrinsics::new(176.594, 240.808, 4.5, 3.5, 9, 7)?;
         Ok(Box::new([0_u32, 1, 3].into_iter().map(move |index| {
@@ -147,6 +156,7 @@ fn a_written_data_set_reads_back() {
     let folder = Folder::open(dir.path()).expect("data set");
     assert_eq!((folder.kind(), folder.rooms()), ("generated", source.rooms()));
     for scan in ["a", "b"] {
+        assert_eq!(folder.frame_count(scan, 0).expect("count"), 3);
         assert_eq!(folder.annotation(scan).expect("mesh"), source.annotation(scan).expect("mesh"));
         assert_eq!(folder.relations(scan).expect("relations"), source.relations(scan).expect("relations"));
         let read: Vec<Frame> = folder.frames(scan, 0).expect("frames").map(|f| f.expect("frame")).collect();
@@ -202,7 +212,8 @@ fn tum_and_seven_scenes_folders() {
     std::fs::create_dir(at("depth")).expect("folder");
     std::fs::write(at("depth/1.png"), write_png(&image).expect("png")).expect("image");
     std::fs::write(at("depth.txt"), "# time file\n10.00 depth/1.png\n10.50 depth/1.png\n").expect("list");
-    std::fs::write(at("groundtruth.txt"), "10.01 1 2 3 0 0 0.7071068 0.7071068\n10.4 0 0 0 0 0 0 1\n").expect("poses");
+    std::fs::write(at("groundtruth.txt"), "10.01 1 2 3 0 0 0.7071068 0.7071068\n10.4 0 0 0 0 0 0 1\n")
+        .expect("poses");
     let r = Recording::open(dir.path(), None).expect("TUM");
     assert_eq!((r.format(), r.len(), r.notes().len()), (Format::Tum, 2, 1));
     let frames: Vec<Frame> = r.into_frames().map(|f| f.expect("frame")).collect();
@@ -215,8 +226,10 @@ fn tum_and_seven_scenes_folders() {
     let seq = dir.path().join("seq-01");
     std::fs::create_dir(&seq).expect("folder");
     for n in [3, 8] {
-        std::fs::write(seq.join(format!("frame-{n:06}.depth.png")), write_png(&image).expect("png")).expect("image");
-        std::fs::write(seq.join(format!("frame-{n:06}.pose.txt")), pose_text(Some(&Isometry3::identity()))).expect("pose");
+        std::fs::write(seq.join(format!("frame-{n:06}.depth.png")), write_png(&image).expect("png"))
+            .expect("image");
+        std::fs::write(seq.join(format!("frame-{n:06}.pose.txt")), pose_text(Some(&Isometry3::identity())))
+            .expect("pose");
     }
     std::fs::write(dir.path().join("camera-intrinsics.txt"), "5 0 2\n0 6 1\n0 0 1\n").expect("matrix");
     let r = Recording::open(dir.path(), None).expect("7-Scenes");
@@ -241,7 +254,12 @@ fn info_text_round_trips_and_names_what_is_wrong() {
     let text = info.text();
     assert_eq!(SequenceInfo::parse(&text, file()).expect("info"), info);
     let zero = text.replace("176.594", "0");
-    assert!(SequenceInfo::parse(&zero, file()).expect_err("zero").to_string().contains("m_calibrationDepthIntrinsic"));
+    assert!(
+        SequenceInfo::parse(&zero, file())
+            .expect_err("zero")
+            .to_string()
+            .contains("m_calibrationDepthIntrinsic")
+    );
     let gone = text.replace("m_depthShift", "m_depth");
     assert!(SequenceInfo::parse(&gone, file()).expect_err("gone").to_string().contains("m_depthShift"));
 }

@@ -29,7 +29,8 @@ pub fn compare(model: &Model, golden: &Store) -> Result<Vec<Comparison>, Error> 
     let mut trace = Trace::default();
     let out = model.run(&features, &edges, Some(&mut trace))?;
 
-    let flat: Vec<bool> = segments.iter().map(|s| s.descriptor.0[6..9].contains(&crate::MIN_EXTENT)).collect();
+    let flat: Vec<bool> =
+        segments.iter().map(|s| s.descriptor.0[6..9].contains(&crate::MIN_EXTENT)).collect();
     let degenerate = flat.contains(&true);
     let on_nodes = |_: usize, row: usize| !flat[row];
     let on_edges = |_: usize, row: usize| !edges[row].iter().any(|&k| flat[k]);
@@ -89,7 +90,10 @@ type Inputs = (Vec<Segment>, Vec<[usize; 2]>);
 fn read_inputs(golden: &Store) -> Result<Inputs, Error> {
     let (shape, points) = golden.floats("in.raw_points")?;
     let &[n, p, c] = shape else {
-        return Err(Error::tensor("in.raw_points", format!("shape {shape:?}, want [nodes, points, channels]")));
+        return Err(Error::tensor(
+            "in.raw_points",
+            format!("shape {shape:?}, want [nodes, points, channels]"),
+        ));
     };
     if n * p * c == 0 {
         return Err(Error::tensor("in.raw_points", "is empty"));
@@ -105,7 +109,8 @@ fn read_inputs(golden: &Store) -> Result<Inputs, Error> {
             .filter(|&v| v < n)
             .ok_or_else(|| Error::tensor("in.edge_index", format!("node {v}, but there are {n}")))
     };
-    let edges = (0..e).map(|k| Ok([node(index[k])?, node(index[e + k])?])).collect::<Result<Vec<_>, Error>>()?;
+    let edges =
+        (0..e).map(|k| Ok([node(index[k])?, node(index[e + k])?])).collect::<Result<Vec<_>, Error>>()?;
     Ok((segments, edges))
 }
 

@@ -108,7 +108,8 @@ impl Linear {
     /// Inputs in another order: input k of the new layer is input `order[k]` of this. With fewer
     /// entries than inputs it is the part of the layer that sees these inputs.
     pub(crate) fn select_inputs(&self, order: &[usize], with_bias: bool) -> Self {
-        let weight = self.weight.chunks_exact(self.inputs).flat_map(|r| order.iter().map(|&i| r[i])).collect();
+        let weight =
+            self.weight.chunks_exact(self.inputs).flat_map(|r| order.iter().map(|&i| r[i])).collect();
         let bias = if with_bias { self.bias.clone() } else { vec![0.0; self.bias.len()] };
         Self { weight, bias, inputs: order.len() }
     }

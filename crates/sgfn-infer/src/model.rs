@@ -147,7 +147,8 @@ impl Model {
     /// # Errors
     /// Missing tensors and shapes that do not fit together, naming the tensor.
     pub fn from_store(store: &Store) -> Result<Self, Error> {
-        let variant = if store.has("obj_encoder.model.conv1.weight") { Variant::Main } else { Variant::Sgf21 };
+        let variant =
+            if store.has("obj_encoder.model.conv1.weight") { Variant::Main } else { Variant::Sgf21 };
         let (node_prefix, edge_prefix) = match variant {
             Variant::Main => ("obj_encoder.model", "rel_encoder.encoder"),
             Variant::Sgf21 => ("obj_encoder", "rel_encoder"),

@@ -46,9 +46,9 @@ impl Store {
         for (name, view) in file.tensors() {
             let raw = view.data();
             let data = match view.dtype() {
-                Dtype::F32 => Data::Float(
-                    raw.as_chunks::<4>().0.iter().map(|c| f32::from_le_bytes(*c)).collect(),
-                ),
+                Dtype::F32 => {
+                    Data::Float(raw.as_chunks::<4>().0.iter().map(|c| f32::from_le_bytes(*c)).collect())
+                }
                 Dtype::F16 => Data::Float(
                     raw.as_chunks::<2>().0.iter().map(|c| half::f16::from_le_bytes(*c).to_f32()).collect(),
                 ),

@@ -9,7 +9,8 @@ fn folder() -> Option<PathBuf> {
 }
 
 fn cases(dir: &Path) -> Vec<(PathBuf, PathBuf)> {
-    let mut files: Vec<PathBuf> = std::fs::read_dir(dir).expect("folder").map(|e| e.expect("entry").path()).collect();
+    let mut files: Vec<PathBuf> =
+        std::fs::read_dir(dir).expect("folder").map(|e| e.expect("entry").path()).collect();
     files.sort();
     files
         .iter()

@@ -39,10 +39,7 @@ pub fn verdicts(
         }
     }
     pairs.sort_by(|a, b| {
-        a.0.cmp(&b.0)
-            .then(a.1.total_cmp(&b.1))
-            .then(a.2.total_cmp(&b.2))
-            .then((a.3, a.4).cmp(&(b.3, b.4)))
+        a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)).then(a.2.total_cmp(&b.2)).then((a.3, a.4).cmp(&(b.3, b.4)))
     });
     let mut out: BTreeMap<NodeId, Verdict> = query.nodes().map(|n| (n.id, Verdict::New)).collect();
     let mut used = BTreeSet::new();

@@ -27,7 +27,8 @@ pub(crate) fn graph(n: usize) -> impl Strategy<Value = SceneGraph> {
         let mut g = SceneGraph::default();
         let count = nodes.len();
         for (k, (label, c, e, score, sightings, seen)) in nodes.into_iter().enumerate() {
-            let bounds = Box3::new(c.map(|v| v as f32 / 100.0), e.map(|v| f32::from(v) / 100.0)).expect("finite");
+            let bounds =
+                Box3::new(c.map(|v| v as f32 / 100.0), e.map(|v| f32::from(v) / 100.0)).expect("finite");
             g.insert_node(Node {
                 id: NodeId(k as u64 * 7 + 3),
                 label: LabelId(label),
