@@ -151,7 +151,7 @@ fn write_frame(path: &Path, map: &Map) -> Result<()> {
     let (width, segments) = map.frame_segments();
     let (_, edges) = map.frame_edges();
     let mut out = BufWriter::new(fs::File::create(path)?);
-    write!(out, "P6 {width} {} 255\n", segments.len() / width.max(1))?;
+    writeln!(out, "P6 {width} {} 255", segments.len() / width.max(1))?;
     for (s, edge) in segments.iter().zip(edges) {
         let h = s.map_or(0, |id| id.0.wrapping_mul(2_654_435_761) | 0x0040_4040);
         let dim = |v: u32| (v & 255) as u8 / if edge { 2 } else { 1 };

@@ -119,8 +119,9 @@ pub(crate) fn create(
                 continue;
             }
             let position = pose.place(p);
+            let ray = sub(position, pose.centre);
             let spacing = 0.75 * (frame.spacing * p[2]).max(params.min_spacing);
-            if covered(frame, association, surfels, (x, y), position, spacing) {
+            if covered(frame, association, surfels, (x, y), position, ray, spacing) {
                 continue;
             }
             let brick = bricks.key(position).and_then(|key| bricks.find_or_make(key));
@@ -142,12 +143,14 @@ pub(crate) fn create(
     }
 }
 
+/// Whether a surfel seen in the 3×3 pixels lies within `reach` of the ray through `position`.
 fn covered(
     frame: &Frame,
     association: &Association,
     surfels: &Surfels,
     (x, y): (usize, usize),
     position: [f32; 3],
+    ray: [f32; 3],
     reach: f32,
 ) -> bool {
     let own = y * frame.width + x;
@@ -155,7 +158,8 @@ fn covered(
         let hit = association.hit[i];
         hit != 0 && {
             let off = sub(surfels.hot[hit as usize - 1].position, position);
-            dot(off, off) < reach * reach
+            let along = dot(off, ray);
+            dot(off, off) - along * along / dot(ray, ray) < reach * reach
         }
     };
     if near(own) {

@@ -129,7 +129,7 @@ impl Votes {
                 continue;
             }
             for (bit, j) in [(RIGHT, i + 1), (DOWN, i + w)] {
-                if frame.links[i] & bit == 0 {
+                if bit == RIGHT && (i + 1) % w == 0 || j >= self.segment.len() {
                     continue;
                 }
                 let b = self.segment[j];
@@ -137,7 +137,8 @@ impl Votes {
                 if b == 0 || a == b || la == 0 || lb == 0 {
                     continue;
                 }
-                self.contacts.push(Contact { pair: (a.min(b) - 1, a.max(b) - 1), joined: la == lb });
+                let joined = la == lb && frame.links[i] & bit != 0;
+                self.contacts.push(Contact { pair: (a.min(b) - 1, a.max(b) - 1), joined });
             }
         }
         self.contacts.sort_unstable();
