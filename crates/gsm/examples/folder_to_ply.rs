@@ -1,0 +1,268 @@
+//! Segments a folder of 7-Scenes frames and writes the stable surfels as a labelled PLY in the recording's frame.
+//!
+//! `cargo run --release -p ma3dsg-gsm --example folder_to_ply -- DIR OUT.ply [options]`
+//! options: `--pixels N` (working pixels), `--noise structured|tof|ideal`, `--reverse`, `--passes N`,
+//! `--turn SEED` (poses pre-multiplied by a random rigid transform), `--set FIELD=VALUE`.
+#![allow(clippy::print_stdout, reason = "a command-line example")]
+
+use gsm::{DepthView, Intrinsics, Map, NoiseModel, Params, Profile, estimate_up};
+use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
+use std::error::Error;
+use std::fs;
+use std::io::{BufWriter, Write};
+use std::path::{Path, PathBuf};
+
+type Result<T> = std::result::Result<T, Box<dyn Error>>;
+
+fn main() -> Result<()> {
+    let options = Options::parse()?;
+    let intrinsics = read_intrinsics(&options.folder)?;
+    let mut frames = list_frames(&options.folder)?;
+    if options.reverse {
+        frames.reverse();
+    }
+    frames.truncate(options.last);
+    let mut map = Map::new(options.params.clone())?;
+    let mut clock = Clock::default();
+    let world = options.turn.map(random_pose).unwrap_or_else(Isometry3::identity);
+    let (mut skipped, mut events) = (0, 0);
+    let cached: Vec<(Vec<f32>, Isometry3<f32>)> = frames
+        .iter()
+        .map(|f| Ok((read_depth(f, intrinsics)?, world * read_pose(f)?)))
+        .collect::<Result<_>>()?;
+    for pass in 0..options.passes {
+        let mut total = Vec::new();
+        for (i, (depth, pose)) in cached.iter().enumerate() {
+            let view = DepthView { depth, intrinsics, world_from_camera: *pose, time: i as f64 / 15.0 };
+            let start = cpu_ms();
+            clock.last = start;
+            let report = map.integrate_observed(&view, |stage| clock.stop(stage as usize));
+            total.push(cpu_ms() - start);
+            skipped += usize::from(report.skipped.is_some());
+            events += report.events.len();
+            if options.verbose {
+                println!("{i} {:?} {:?}", report.counts, report.events);
+            }
+        }
+        total.sort_by(f64::total_cmp);
+        println!(
+            "pass {pass}: {} frames ({skipped} skipped), median {:.2} ms, p95 {:.2} ms CPU",
+            total.len(),
+            total[total.len() / 2],
+            total[total.len() * 95 / 100]
+        );
+    }
+    clock.print(cached.len() * options.passes);
+    let surfels = map.surfels().count();
+    if let Some(file) = &options.frame {
+        write_frame(file, &map)?;
+    }
+    println!(
+        "{surfels} surfels, {} segments, {events} events, {:.1} bytes per surfel, {} cells looked at, up {:?}",
+        map.segments().count(),
+        map.bytes() as f64 / surfels.max(1) as f64,
+        map.visibility().cells().len(),
+        estimate_up(&map).map(|u| (world.rotation.inverse() * u).data.0)
+    );
+    write_ply(&options.out, &map, &world.inverse())
+}
+
+struct Options {
+    folder: PathBuf,
+    out: PathBuf,
+    params: Params,
+    reverse: bool,
+    turn: Option<u64>,
+    passes: usize,
+    verbose: bool,
+    frame: Option<PathBuf>,
+    last: usize,
+}
+
+impl Options {
+    fn parse() -> Result<Self> {
+        let mut args = std::env::args().skip(1);
+        let usage =
+            "folder_to_ply DIR OUT.ply [--pixels N] [--noise P] [--reverse] [--passes N] [--turn SEED]";
+        let folder = args.next().ok_or(usage)?.into();
+        let out = args.next().ok_or(usage)?.into();
+        let params = Params::default();
+        let mut o = Self {
+            folder,
+            out,
+            params,
+            reverse: false,
+            turn: None,
+            passes: 1,
+            verbose: false,
+            frame: None,
+            last: usize::MAX,
+        };
+        while let Some(flag) = args.next() {
+            match flag.as_str() {
+                "--reverse" => o.reverse = true,
+                "--frame" => o.frame = Some(args.next().ok_or(usage)?.into()),
+                "--last" => o.last = args.next().ok_or(usage)?.parse()?,
+                "--verbose" => o.verbose = true,
+                "--pixels" => o.params.max_pixels = args.next().ok_or(usage)?.parse()?,
+                "--turn" => o.turn = Some(args.next().ok_or(usage)?.parse()?),
+                "--passes" => o.passes = args.next().ok_or(usage)?.parse()?,
+                "--noise" => {
+                    o.params.noise = NoiseModel::of(match args.next().ok_or(usage)?.as_str() {
+                        "structured" => Profile::Structured,
+                        "tof" => Profile::TofPhone,
+                        "ideal" => Profile::Ideal,
+                        _ => return Err(usage.into()),
+                    })
+                }
+                "--set" => {
+                    let pair = args.next().ok_or(usage)?;
+                    let (field, value) = pair.split_once('=').ok_or(usage)?;
+                    set(&mut o.params, field, value.parse()?)?;
+                }
+                _ => return Err(usage.into()),
+            }
+        }
+        Ok(o)
+    }
+}
+
+fn set(p: &mut Params, field: &str, v: f32) -> Result<()> {
+    match field {
+        "noise_scale" => p.noise.scale = v,
+        "normal_error" => p.normal_error = v,
+        "concave_angle" => p.concave_angle = v,
+        "step_sigmas" => p.step_sigmas = v,
+        "min_region_pixels" => p.min_region_pixels = v as u32,
+        "gate_sigmas" => p.gate_sigmas = v,
+        "pose_error" => p.pose_error = v,
+        "gate_normal_cos" => p.gate_normal_cos = v,
+        "take_share" => p.take_share = v,
+        "merge_share" => p.merge_share = v,
+        "merge_border" => p.merge_border = v,
+        "max_depth" => p.max_depth = v,
+        _ => return Err(format!("no parameter {field}").into()),
+    }
+    Ok(())
+}
+
+/// The last frame's segments in colours of their ids, edges dark, as a portable pixmap.
+fn write_frame(path: &Path, map: &Map) -> Result<()> {
+    let (width, segments) = map.frame_segments();
+    let (_, edges) = map.frame_edges();
+    let mut out = BufWriter::new(fs::File::create(path)?);
+    writeln!(out, "P6 {width} {} 255", segments.len() / width.max(1))?;
+    for (s, edge) in segments.iter().zip(edges) {
+        let h = s.map_or(0, |id| id.0.wrapping_mul(2_654_435_761) | 0x0040_4040);
+        let dim = |v: u32| (v & 255) as u8 / if edge { 2 } else { 1 };
+        out.write_all(&[dim(h >> 24), dim(h >> 16), dim(h >> 8)])?;
+    }
+    Ok(out.flush()?)
+}
+
+/// CPU milliseconds per stage.
+#[derive(Default)]
+struct Clock {
+    last: f64,
+    stages: [f64; 16],
+}
+
+impl Clock {
+    fn stop(&mut self, stage: usize) {
+        let now = cpu_ms();
+        self.stages[stage] += now - self.last;
+        self.last = now;
+    }
+
+    fn print(&self, frames: usize) {
+        let names =
+            ["shrink", "links", "normals", "edges", "regions", "look", "associate", "vote", "fuse", "merge"];
+        let n = frames.max(1) as f64;
+        let line: Vec<_> = names.iter().zip(self.stages).map(|(s, t)| format!("{s} {:.3}", t / n)).collect();
+        println!("mean ms: {}", line.join(", "));
+    }
+}
+
+#[allow(unsafe_code, reason = "the thread's CPU clock has no safe binding in std")]
+fn cpu_ms() -> f64 {
+    let mut t = libc::timespec { tv_sec: 0, tv_nsec: 0 };
+    // SAFETY: `t` outlives the call, which writes nothing else.
+    unsafe { libc::clock_gettime(libc::CLOCK_THREAD_CPUTIME_ID, &raw mut t) };
+    t.tv_sec as f64 * 1e3 + t.tv_nsec as f64 * 1e-6
+}
+
+fn random_pose(seed: u64) -> Isometry3<f32> {
+    let mut state = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1;
+    let mut draw = || {
+        state ^= state << 13;
+        state ^= state >> 7;
+        state ^= state << 17;
+        (state >> 40) as f32 / 16_777_216.0 - 0.5
+    };
+    let axis = Vector3::new(draw(), draw(), draw()).normalize() * (draw() * 6.0);
+    let shift = Vector3::new(draw(), draw(), draw()) * 10.0;
+    Isometry3::from_parts(shift.into(), UnitQuaternion::from_scaled_axis(axis))
+}
+
+fn list_frames(folder: &Path) -> Result<Vec<PathBuf>> {
+    let mut list: Vec<PathBuf> =
+        fs::read_dir(folder)?.map(|e| e.map(|e| e.path())).collect::<std::io::Result<_>>()?;
+    list.retain(|p| p.to_string_lossy().ends_with(".depth.png"));
+    list.sort();
+    Ok(list)
+}
+
+fn read_numbers(path: &Path) -> Result<Vec<f64>> {
+    let text = fs::read_to_string(path).map_err(|e| format!("{}: {e}", path.display()))?;
+    Ok(text.split_whitespace().map(str::parse).collect::<std::result::Result<_, _>>()?)
+}
+
+fn read_intrinsics(folder: &Path) -> Result<Intrinsics> {
+    let k = read_numbers(&folder.join("camera-intrinsics.txt"))?;
+    let [fx, _, cx, _, fy, cy, ..] = k[..] else { return Err("camera-intrinsics.txt: not 3x3".into()) };
+    Ok(Intrinsics::new(fx as f32, fy as f32, cx as f32, cy as f32, 640, 480)?)
+}
+
+fn read_pose(depth: &Path) -> Result<Isometry3<f32>> {
+    let m = read_numbers(&PathBuf::from(depth.to_string_lossy().replace(".depth.png", ".pose.txt")))?;
+    let [a, b, c, x, d, e, f, y, g, h, i, z, ..] = m[..] else { return Err("pose: not 4x4".into()) };
+    let rotation = Rotation3::from_matrix(&Matrix3::new(a, b, c, d, e, f, g, h, i));
+    let rotation = UnitQuaternion::from_rotation_matrix(&rotation).cast::<f32>();
+    Ok(Isometry3::from_parts(Translation3::new(x as f32, y as f32, z as f32), rotation))
+}
+
+fn read_depth(path: &Path, intrinsics: Intrinsics) -> Result<Vec<f32>> {
+    let decoder = png::Decoder::new(std::io::BufReader::new(fs::File::open(path)?));
+    let mut reader = decoder.read_info()?;
+    let mut raw = vec![0; reader.output_buffer_size().ok_or("png too large")?];
+    let info = reader.next_frame(&mut raw)?;
+    if (info.width, info.height) != (intrinsics.width(), intrinsics.height()) {
+        return Err(format!("{}: {}x{}", path.display(), info.width, info.height).into());
+    }
+    let metres = |b: &[u8]| match u16::from_be_bytes([b[0], b[1]]) {
+        u16::MAX => 0.0,
+        mm => f32::from(mm) * 1e-3,
+    };
+    Ok(raw.chunks_exact(2).map(metres).collect())
+}
+
+fn write_ply(path: &Path, map: &Map, recording_from_world: &Isometry3<f32>) -> Result<()> {
+    let stable: Vec<_> = map.surfels().filter(|s| s.stable).collect();
+    let mut out = BufWriter::new(fs::File::create(path)?);
+    write!(out, "ply\nformat binary_little_endian 1.0\nelement vertex {}\n", stable.len())?;
+    for name in ["x", "y", "z", "nx", "ny", "nz"] {
+        writeln!(out, "property float {name}")?;
+    }
+    write!(out, "property int label\nproperty int instance\nend_header\n")?;
+    for s in stable {
+        let p = recording_from_world * s.position;
+        let n = recording_from_world * s.normal;
+        for v in [p.x, p.y, p.z, n.x, n.y, n.z] {
+            out.write_all(&v.to_le_bytes())?;
+        }
+        let label = s.segment.map_or(0, |id| id.0 as i32);
+        out.write_all(&label.to_le_bytes())?;
+        out.write_all(&label.to_le_bytes())?;
+    }
+    Ok(out.flush()?)
+}

@@ -1,0 +1,114 @@
+//! The maps of one frame at working resolution, reused from frame to frame.
+
+use crate::noise::NoiseTable;
+use crate::{DepthView, Intrinsics, Params, Stage};
+
+/// Link of a pixel to its right neighbour is unbroken.
+pub(crate) const RIGHT: u8 = 1;
+/// Link of a pixel to the one below is unbroken.
+pub(crate) const DOWN: u8 = 2;
+
+/// Everything the kernels know about the current frame; images are row-major, camera frame, metres.
+#[derive(Debug, Default)]
+pub(crate) struct Frame {
+    pub(crate) width: usize,
+    pub(crate) height: usize,
+    pub(crate) factor: u32,
+    pub(crate) camera: Option<Intrinsics>,
+    source: Option<Intrinsics>,
+    /// Mean pixel width at 1 m.
+    pub(crate) spacing: f32,
+    /// Ray of column and row: a pixel's point is `z (ray_x, ray_y, 1)`.
+    pub(crate) ray_x: Vec<f32>,
+    pub(crate) ray_y: Vec<f32>,
+    pub(crate) noise: NoiseTable,
+    /// Block-averaged depth, 0 = invalid.
+    pub(crate) z: Vec<f32>,
+    /// Its inverse (linear over the image on a plane), 0 = invalid.
+    pub(crate) inverse: Vec<f32>,
+    /// [`RIGHT`] and [`DOWN`] bits.
+    pub(crate) links: Vec<u8>,
+    /// Unbroken reach left, right, up, down within the window, pixels.
+    pub(crate) arms: Vec<[u8; 4]>,
+    /// Row fit: value and slope of inverse depth, and 1 where the slope is valid.
+    pub(crate) row_fit: Vec<[f32; 3]>,
+    /// Depth of the plane fitted around the pixel, 0 where there is no normal.
+    pub(crate) smooth: Vec<f32>,
+    /// Unit normal towards the camera, zero = none.
+    pub(crate) normal: Vec<[f32; 3]>,
+    /// 1 = crease, step or image edge: no seed of a region.
+    pub(crate) edge: Vec<u8>,
+    /// Region of the pixel, 1.., 0 = none.
+    pub(crate) label: Vec<u32>,
+    /// Pixels per region; entry 0 counts the unlabelled ones.
+    pub(crate) region_size: Vec<u32>,
+    pub(crate) valid: usize,
+    pub(crate) parent: Vec<u32>,
+    pub(crate) queue: Vec<u32>,
+}
+
+impl Frame {
+    /// Runs the image kernels: shrink, links, normals, edges, regions.
+    pub(crate) fn run(&mut self, view: &DepthView<'_>, params: &Params, done: &mut impl FnMut(Stage)) {
+        self.fit(&view.intrinsics, params);
+        crate::shrink::shrink(self, view, params);
+        done(Stage::Shrink);
+        crate::links::links(self);
+        done(Stage::Links);
+        crate::normals::normals(self);
+        done(Stage::Normals);
+        crate::edges::edges(self, params);
+        done(Stage::Edges);
+        crate::components::regions(self, params);
+        done(Stage::Regions);
+    }
+
+    /// Sizes all maps for a camera; cheap when it is the camera of the last frame.
+    pub(crate) fn fit(&mut self, source: &Intrinsics, params: &Params) {
+        if self.source == Some(*source) {
+            return;
+        }
+        let mut factor = 1;
+        while (source.width() / factor) * (source.height() / factor) > params.max_pixels {
+            factor *= 2;
+        }
+        let camera = source.shrunk(factor);
+        let (w, h) = (camera.width() as usize, camera.height() as usize);
+        self.spacing = 0.5 * (1.0 / camera.fx() + 1.0 / camera.fy());
+        self.noise =
+            NoiseTable::new(&params.noise, factor, self.spacing, params.normal_error, params.max_depth);
+        self.ray_x = (0..w).map(|x| (x as f32 - camera.cx()) / camera.fx()).collect();
+        self.ray_y = (0..h).map(|y| (y as f32 - camera.cy()) / camera.fy()).collect();
+        let n = w * h;
+        self.z = vec![0.0; n];
+        self.inverse = vec![0.0; n];
+        self.links = vec![0; n];
+        self.arms = vec![[0; 4]; n];
+        self.row_fit = vec![[0.0; 3]; n];
+        self.smooth = vec![0.0; n];
+        self.normal = vec![[0.0; 3]; n];
+        self.edge = vec![1; n];
+        self.label = vec![0; n];
+        (self.width, self.height, self.factor) = (w, h, factor);
+        (self.camera, self.source) = (Some(camera), Some(*source));
+    }
+
+    /// The smoothed point of a pixel.
+    #[inline]
+    pub(crate) fn point(&self, x: usize, y: usize) -> [f32; 3] {
+        let z = self.smooth[y * self.width + x];
+        [z * self.ray_x[x], z * self.ray_y[y], z]
+    }
+}
+
+/// Scalar product.
+#[inline]
+pub(crate) fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+/// Difference `a − b`.
+#[inline]
+pub(crate) fn sub(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
+    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
+}

@@ -1,0 +1,287 @@
+//! The map and its frame loop.
+
+use crate::associate::{Association, Pose};
+use crate::bricks::Bricks;
+use crate::event::{Counts, FrameReport, SegmentId, Skip};
+use crate::frame::Frame;
+use crate::merge::Merges;
+use crate::segment::{Segment, Surfel};
+use crate::segments::Segments;
+use crate::surfels::Surfels;
+use crate::visibility::Visibility;
+use crate::vote::Votes;
+use crate::{DepthView, Error, Params, fuse, visibility};
+use nalgebra::{Point3, Vector3};
+
+/// Bricks that are checked for timed-out surfels per frame, in or out of view.
+const SWEEP: usize = 64;
+
+/// The stages of a frame, in order.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Stage {
+    /// Depth at working resolution.
+    Shrink,
+    /// Links between pixels.
+    Links,
+    /// Normals.
+    Normals,
+    /// Edges.
+    Edges,
+    /// Regions.
+    Regions,
+    /// Bricks in view and the visibility grid.
+    Look,
+    /// Projective association.
+    Associate,
+    /// Votes.
+    Vote,
+    /// Fusion and new surfels.
+    Fuse,
+    /// Merges, time-outs, events.
+    Merge,
+}
+
+/// A growing surfel map with segments. All state of a recording; one per robot.
+#[derive(Debug)]
+pub struct Map {
+    params: Params,
+    frame: Frame,
+    pub(crate) surfels: Surfels,
+    bricks: Bricks,
+    segments: Segments,
+    association: Association,
+    votes: Votes,
+    merges: Merges,
+    visible: Vec<u32>,
+    /// Frames integrated.
+    now: u32,
+    last_centre: Option<[f32; 3]>,
+    sweep: usize,
+}
+
+impl Map {
+    /// An empty map.
+    ///
+    /// # Errors
+    /// [`Error::Params`] when a parameter is out of range.
+    pub fn new(params: Params) -> Result<Self, Error> {
+        params.validate()?;
+        let bricks = Bricks::new(params.brick, params.max_bricks);
+        Ok(Self {
+            params,
+            frame: Frame::default(),
+            surfels: Surfels::default(),
+            bricks,
+            segments: Segments::default(),
+            association: Association::default(),
+            votes: Votes::default(),
+            merges: Merges::default(),
+            visible: Vec::new(),
+            now: 0,
+            last_centre: None,
+            sweep: 0,
+        })
+    }
+
+    /// Adds one posed depth image. Never fails: an unusable frame changes nothing and is reported as skipped.
+    pub fn integrate(&mut self, view: &DepthView<'_>) -> FrameReport {
+        self.integrate_observed(view, |_| ())
+    }
+
+    /// Like [`integrate`](Self::integrate), calling `done` at the end of every stage, so that the caller can time
+    /// them.
+    pub fn integrate_observed(&mut self, view: &DepthView<'_>, mut done: impl FnMut(Stage)) -> FrameReport {
+        let mut report = FrameReport { skipped: unusable(view), ..FrameReport::default() };
+        if report.skipped.is_some() {
+            return report;
+        }
+        // The image: one region per smooth surface.
+        self.frame.run(view, &self.params, &mut done);
+        if self.frame.valid < 10 {
+            report.skipped = Some(Skip::NoDepth);
+            return report;
+        }
+        let pose = Pose::new(&view.world_from_camera);
+        report.jumped = self.begin(&pose);
+        let (now, counts) = (self.now, &mut report.counts);
+
+        // The map as the frame sees it.
+        counts.refused += visibility::look(&self.frame, &pose, &mut self.bricks, now, &mut self.visible);
+        done(Stage::Look);
+        self.association.run(
+            &self.frame,
+            &pose,
+            &self.visible,
+            &mut self.bricks,
+            &mut self.surfels,
+            &mut self.segments,
+            &self.params,
+            now,
+            counts,
+        );
+        done(Stage::Associate);
+
+        // Regions of the frame become segments of the map.
+        let (frame, association) = (&self.frame, &self.association);
+        self.votes.run(
+            frame,
+            association,
+            &self.surfels,
+            &mut self.segments,
+            &self.params,
+            now,
+            &mut report.events,
+        );
+        done(Stage::Vote);
+
+        // The map learns the frame.
+        let (surfels, segments) = (&mut self.surfels, &mut self.segments);
+        fuse::fuse(frame, &pose, association, &self.votes, surfels, segments, &self.params, now);
+        fuse::create(
+            frame,
+            &pose,
+            association,
+            &self.votes,
+            &mut self.bricks,
+            surfels,
+            segments,
+            &self.params,
+            now,
+            counts,
+        );
+        done(Stage::Fuse);
+        self.merges.run(&self.votes, surfels, segments, &self.params, now, &mut report.events);
+        counts.expired += self.expire();
+        self.segments.settle(&mut report.events);
+        self.merges.forget_closed(&self.segments);
+        self.count(&mut report.counts);
+        done(Stage::Merge);
+        report
+    }
+
+    /// Counts the frame; true when the camera jumped.
+    fn begin(&mut self, pose: &Pose) -> bool {
+        if self.now == 0 {
+            self.segments.origin = pose.centre;
+        }
+        self.now += 1;
+        let last = self.last_centre.replace(pose.centre);
+        last.is_some_and(|c| {
+            (0..3).map(|k| (c[k] - pose.centre[k]).powi(2)).sum::<f32>() > self.params.jump.powi(2)
+        })
+    }
+
+    /// Removes timed-out unstable surfels from the next few bricks, so that none lingers out of view.
+    fn expire(&mut self) -> u32 {
+        let mut expired = 0;
+        let n = self.bricks.list.len();
+        for _ in 0..SWEEP.min(n) {
+            self.sweep = (self.sweep + 1) % n;
+            let mut list = std::mem::take(&mut self.bricks.list[self.sweep].surfels);
+            list.retain(|&id| {
+                let cold = &self.surfels.cold[id as usize];
+                let old = !cold.stable && self.now.saturating_sub(cold.seen) > self.params.unstable_frames;
+                if old {
+                    self.segments.remove_surfel(&mut self.surfels, id);
+                    expired += 1;
+                }
+                !old
+            });
+            self.bricks.list[self.sweep].surfels = list;
+        }
+        expired
+    }
+
+    fn count(&self, counts: &mut Counts) {
+        counts.working_size = (self.frame.width as u32, self.frame.height as u32);
+        counts.valid = self.frame.valid as u32;
+        counts.regions = self.frame.region_size.len() as u32 - 1;
+        counts.bricks = self.visible.len() as u32;
+        counts.surfels = self.surfels.len() as u32;
+        counts.segments = self.segments.open_slots().count() as u32;
+    }
+
+    /// Segments of the last integrated frame, per working pixel, row-major (`None` = no region there), with the
+    /// working columns.
+    pub fn frame_segments(&self) -> (usize, Vec<Option<SegmentId>>) {
+        let slot = |&region: &u32| self.votes.segment_of.get(region as usize).copied().unwrap_or(0);
+        let id = |s: u32| (s != 0 && self.segments.is_open(s - 1)).then(|| self.segments.id(s - 1));
+        (self.frame.width, self.frame.label.iter().map(slot).map(id).collect())
+    }
+
+    /// Edge pixels of the last integrated frame, like [`frame_segments`](Self::frame_segments).
+    pub fn frame_edges(&self) -> (usize, Vec<bool>) {
+        (self.frame.width, self.frame.edge.iter().map(|&e| e != 0).collect())
+    }
+
+    /// The parameters it was made with.
+    pub fn params(&self) -> &Params {
+        &self.params
+    }
+
+    /// Frames integrated so far.
+    pub fn frames(&self) -> u32 {
+        self.now
+    }
+
+    /// Zero of the segments' integer moments, world frame: the first camera's centre.
+    pub fn origin(&self) -> Point3<f32> {
+        Point3::from(self.segments.origin)
+    }
+
+    /// The live segments in the order of their ids.
+    pub fn segments(&self) -> impl Iterator<Item = Segment<'_>> {
+        let mut records: Vec<_> = self.segments.open_slots().collect();
+        records.sort_unstable_by_key(|r| r.id);
+        records.into_iter().map(|record| Segment { map: self, record })
+    }
+
+    /// A live segment by its id.
+    pub fn segment(&self, id: SegmentId) -> Option<Segment<'_>> {
+        let record = self.segments.open_slots().find(|r| r.id == id.0)?;
+        Some(Segment { map: self, record })
+    }
+
+    /// Up to `n` stable surfels of a segment; see [`Segment::sample`]. Empty for an unknown id.
+    pub fn segment_points(&self, id: SegmentId, n: usize) -> Vec<(Point3<f32>, Vector3<f32>)> {
+        self.segment(id).map(|s| s.sample(n)).unwrap_or_default()
+    }
+
+    /// The live surfels in the order in which they are stored, which depends on the history alone.
+    pub fn surfels(&self) -> impl Iterator<Item = Surfel> + '_ {
+        (0..self.surfels.hot.len()).filter(|&i| self.surfels.is_live(i)).map(|i| {
+            let (hot, cold) = (&self.surfels.hot[i], &self.surfels.cold[i]);
+            Surfel {
+                position: Point3::from(hot.position),
+                normal: Vector3::from(hot.normal),
+                radius: hot.radius,
+                confidence: cold.confidence,
+                segment: (hot.segment != 0).then(|| self.segments.id(hot.segment - 1)),
+                stable: cold.stable,
+            }
+        })
+    }
+
+    /// What was looked through, seen, or not looked at.
+    pub fn visibility(&self) -> Visibility<'_> {
+        Visibility { bricks: &self.bricks }
+    }
+
+    /// Bytes held by surfels, bricks and segments, slack included (frame workspace excluded).
+    pub fn bytes(&self) -> usize {
+        self.surfels.bytes() + self.bricks.bytes() + self.segments.bytes()
+    }
+}
+
+/// Why a frame cannot be used, if so.
+fn unusable(view: &DepthView<'_>) -> Option<Skip> {
+    let pixels = view.intrinsics.width() as usize * view.intrinsics.height() as usize;
+    if view.depth.len() != pixels {
+        return Some(Skip::WrongSize);
+    }
+    let q = view.world_from_camera.rotation.coords;
+    let t = view.world_from_camera.translation.vector;
+    let rotation = (q.norm() - 1.0).abs() < 1e-2;
+    let near = t.iter().all(|v| v.abs() < 1e5);
+    (!(rotation && near)).then_some(Skip::InvalidPose)
+}

@@ -1,0 +1,152 @@
+//! Which segment each region of the frame is: votes of the surfels that its pixels see again.
+
+use crate::Params;
+use crate::associate::Association;
+use crate::event::SegmentEvent;
+use crate::frame::{DOWN, Frame, RIGHT};
+use crate::segments::Segments;
+use crate::surfels::Surfels;
+
+/// A pair of neighbouring pixels on two segments.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) struct Contact {
+    /// Slots, the lower first.
+    pub(crate) pair: (u32, u32),
+    /// Whether the frame has them in one region.
+    pub(crate) joined: bool,
+}
+
+/// Workspace and result.
+#[derive(Debug, Default)]
+pub(crate) struct Votes {
+    /// Slot plus one of every region, 0 = none.
+    pub(crate) segment_of: Vec<u32>,
+    /// Pixel contacts between segments.
+    pub(crate) contacts: Vec<Contact>,
+    /// Slots seen in this frame and the pixels of each.
+    pub(crate) seen: Vec<u32>,
+    pub(crate) pixels: Vec<u32>,
+    /// Per pixel slot + 1 of the surfel seen.
+    segment: Vec<u32>,
+    /// Per slot its column in the table, valid where `stamp` is the current frame.
+    column: Vec<u32>,
+    stamp: Vec<u32>,
+    table: Vec<u32>,
+}
+
+impl Votes {
+    /// Counts votes, resolves regions to segments (opening new ones at first sight) and gathers contacts.
+    #[allow(clippy::too_many_arguments)]
+    pub(crate) fn run(
+        &mut self,
+        frame: &Frame,
+        association: &Association,
+        surfels: &Surfels,
+        segments: &mut Segments,
+        params: &Params,
+        now: u32,
+        events: &mut Vec<SegmentEvent>,
+    ) {
+        self.see(association, surfels, segments, now);
+        let columns = self.seen.len();
+        let regions = frame.region_size.len();
+        self.table.clear();
+        self.table.resize(regions * columns, 0);
+        for (i, &s) in self.segment.iter().enumerate() {
+            let region = frame.label[i] as usize;
+            if s != 0 && region != 0 {
+                self.table[region * columns + self.column[s as usize - 1] as usize] += 1;
+            }
+        }
+        self.resolve(frame, segments, params, now, events);
+        self.touch(frame);
+    }
+
+    fn see(&mut self, association: &Association, surfels: &Surfels, segments: &Segments, now: u32) {
+        self.seen.clear();
+        self.pixels.clear();
+        self.column.resize(segments.slots.len(), 0);
+        self.stamp.resize(segments.slots.len(), 0);
+        self.segment.clear();
+        self.segment.extend(
+            association.hit.iter().map(|&h| if h == 0 { 0 } else { surfels.hot[h as usize - 1].segment }),
+        );
+        for &s in &self.segment {
+            if s == 0 {
+                continue;
+            }
+            let slot = s as usize - 1;
+            if self.stamp[slot] != now {
+                self.stamp[slot] = now;
+                self.column[slot] = self.seen.len() as u32;
+                self.seen.push(slot as u32);
+                self.pixels.push(0);
+            }
+            self.pixels[self.column[slot] as usize] += 1;
+        }
+    }
+
+    fn resolve(
+        &mut self,
+        frame: &Frame,
+        segments: &mut Segments,
+        params: &Params,
+        now: u32,
+        events: &mut Vec<SegmentEvent>,
+    ) {
+        let columns = self.seen.len();
+        self.segment_of.clear();
+        self.segment_of.push(0);
+        for region in 1..frame.region_size.len() {
+            let row = &self.table[region * columns..(region + 1) * columns];
+            let voters: u32 = row.iter().sum();
+            let best = row
+                .iter()
+                .zip(&self.seen)
+                .map(|(&n, &slot)| (n, std::cmp::Reverse(segments.slots[slot as usize].id), slot))
+                .max();
+            let size = frame.region_size[region];
+            let taken = best.filter(|&(n, _, _)| {
+                n as f32 >= params.take_share * voters as f32 && n >= 10 && n as f32 >= 0.1 * size as f32
+            });
+            let segment = match taken {
+                Some((_, _, slot)) => slot + 1,
+                None if size >= params.min_region_pixels => {
+                    segments.open(now, events).map_or(0, |slot| slot + 1)
+                }
+                None => 0,
+            };
+            self.segment_of.push(segment);
+        }
+    }
+
+    fn touch(&mut self, frame: &Frame) {
+        self.contacts.clear();
+        let w = frame.width;
+        for i in 0..self.segment.len() {
+            let a = self.segment[i];
+            if a == 0 {
+                continue;
+            }
+            for (bit, j) in [(RIGHT, i + 1), (DOWN, i + w)] {
+                if bit == RIGHT && (i + 1) % w == 0 || j >= self.segment.len() {
+                    continue;
+                }
+                let b = self.segment[j];
+                let (la, lb) = (frame.label[i], frame.label[j]);
+                if b == 0 || a == b || la == 0 || lb == 0 {
+                    continue;
+                }
+                let joined = la == lb && frame.links[i] & bit != 0;
+                self.contacts.push(Contact { pair: (a.min(b) - 1, a.max(b) - 1), joined });
+            }
+        }
+        self.contacts.sort_unstable();
+    }
+
+    /// Pixels of a slot seen in frame `now`.
+    pub(crate) fn pixels_of(&self, slot: u32, now: u32) -> u32 {
+        let slot = slot as usize;
+        if self.stamp.get(slot) == Some(&now) { self.pixels[self.column[slot] as usize] } else { 0 }
+    }
+}
