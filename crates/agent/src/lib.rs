@@ -1,1 +1,39 @@
 //! One robot: depth frames to a local 3D semantic scene graph.
+//!
+//! The only crate that knows segmentation, inference and graphs at once. The flow of a visit:
+//! [`Robot::segment`] integrates frames, [`Robot::infer`] scores what changed, [`Robot::graph`] joins
+//! segments to instances and writes the scene graph. [`NodeSet`] is what lies between: one node per
+//! segment with its points and box, and the pairs of neighbours; the trainer stores the same thing.
+
+mod fusion;
+mod instances;
+mod nodes;
+mod robot;
+
+pub use fusion::{Fused, Scores};
+pub use instances::{GraphParams, build_graph};
+pub use nodes::{NodeInput, NodeParams, NodeSet};
+pub use robot::{Robot, RobotParams};
+
+/// Class output that means "outside the label set".
+pub const NONE: &str = "none";
+/// Predicate output that joins segments of one object.
+pub const SAME_PART: &str = "same part";
+
+/// What can go wrong for a robot.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// Segmentation parameters out of range.
+    #[error(transparent)]
+    Segmentation(#[from] gsm::Error),
+    /// Weights or network inputs that do not fit.
+    #[error(transparent)]
+    Inference(#[from] sgfn_infer::Error),
+    /// Graphs that do not fit.
+    #[error(transparent)]
+    Graph(#[from] graph_align::Error),
+    /// Weights that do not say what their outputs mean.
+    #[error("weights: {0}")]
+    Weights(String),
+}

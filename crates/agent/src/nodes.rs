@@ -1,0 +1,146 @@
+//! Segments of a map as nodes: points, boxes, neighbours.
+
+use crate::Error;
+use graph_align::Box3;
+use gsm::{Map, SegmentId};
+use nalgebra::{Point3, UnitQuaternion, Vector3};
+
+/// Which segments become nodes, and what the network sees of them.
+#[derive(Clone, Debug, PartialEq)]
+pub struct NodeParams {
+    /// Points per node.
+    pub points: usize,
+    /// Surfels from which boxes are measured, at most.
+    pub box_points: usize,
+    /// Smallest segment that becomes a node, square metres of surfels.
+    pub min_area: f32,
+    /// Fewest stable surfels of a node.
+    pub min_surfels: u32,
+    /// Neighbours have boxes at most this far apart on every axis, metres.
+    pub gap: f32,
+}
+
+impl Default for NodeParams {
+    fn default() -> Self {
+        Self { points: 256, box_points: 1024, min_area: 0.015, min_surfels: 48, gap: 0.5 }
+    }
+}
+
+/// One segment.
+#[derive(Clone, Debug, PartialEq)]
+pub struct NodeInput {
+    /// Its segment.
+    pub id: SegmentId,
+    /// Stable surfels.
+    pub surfels: u32,
+    /// Square metres.
+    pub area: f32,
+    /// Box between the 0.5 % and 99.5 % quantiles of its surfels, in the node set's frame.
+    pub bounds: Box3,
+    /// Evenly sampled surfels (position, unit normal), at most [`NodeParams::points`].
+    pub points: Vec<(Point3<f32>, Vector3<f32>)>,
+}
+
+/// Nodes in the order of their segments, and neighbours in both directions.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct NodeSet {
+    /// Nodes.
+    pub nodes: Vec<NodeInput>,
+    /// Directed pairs of indices into `nodes`, sorted.
+    pub edges: Vec<[usize; 2]>,
+}
+
+impl NodeSet {
+    /// The nodes of a map, turned into another frame (the identity where the map's z is up).
+    ///
+    /// # Errors
+    /// Surfels whose coordinates are no box (not finite).
+    pub fn of_map(map: &Map, turn: &UnitQuaternion<f32>, p: &NodeParams) -> Result<Self, Error> {
+        let mut nodes = Vec::new();
+        for s in map.segments().filter(|s| s.surfels() >= p.min_surfels) {
+            let area = s.area();
+            if area < p.min_area {
+                continue;
+            }
+            let dense: Vec<_> =
+                s.sample(p.box_points).into_iter().map(|(x, n)| (turn * x, turn * n)).collect();
+            nodes.push(NodeInput::new(s.id(), s.surfels(), area, &dense, p.points)?);
+        }
+        Ok(Self::new(nodes, p.gap))
+    }
+
+    /// Nodes with the neighbours that follow from their boxes.
+    #[must_use]
+    pub fn new(nodes: Vec<NodeInput>, gap: f32) -> Self {
+        let mut edges = Vec::new();
+        for (i, a) in nodes.iter().enumerate() {
+            for (j, b) in nodes.iter().enumerate() {
+                if i != j && gap_between(&a.bounds, &b.bounds) <= gap {
+                    edges.push([i, j]);
+                }
+            }
+        }
+        Self { nodes, edges }
+    }
+}
+
+impl NodeInput {
+    /// A node from surfels: its box from all of them, its points evenly from the list.
+    ///
+    /// # Errors
+    /// Coordinates that are no box.
+    pub fn new(
+        id: SegmentId,
+        surfels: u32,
+        area: f32,
+        dense: &[(Point3<f32>, Vector3<f32>)],
+        points: usize,
+    ) -> Result<Self, Error> {
+        let n = points.min(dense.len());
+        let points = (0..n).map(|k| dense[k * dense.len() / n]).collect();
+        Ok(Self { id, surfels, area, bounds: quantile_box(dense)?, points })
+    }
+
+    /// The network's input: xyz, then for 6 channels the normal, for 9 a grey colour before it.
+    ///
+    /// # Errors
+    /// A number of channels other than 3, 6 or 9.
+    pub fn segment(&self, channels: usize) -> Result<sgfn_infer::Segment, Error> {
+        let mut flat = Vec::with_capacity(self.points.len() * channels);
+        for (p, n) in &self.points {
+            flat.extend(p.coords.iter());
+            match channels {
+                3 => {}
+                6 => flat.extend(n.iter()),
+                9 => flat.extend([0.0; 3].iter().chain(n.iter())),
+                _ => {
+                    return Err(Error::Weights(format!("{channels} channels a point, want 3, 6 or 9")));
+                }
+            }
+        }
+        Ok(sgfn_infer::Segment::new(&flat, channels)?)
+    }
+}
+
+/// Largest gap of two boxes over the axes; negative where they overlap on all.
+#[must_use]
+pub(crate) fn gap_between(a: &Box3, b: &Box3) -> f32 {
+    let (la, ha, lb, hb) = (a.min(), a.max(), b.min(), b.max());
+    (0..3).map(|k| (la[k] - hb[k]).max(lb[k] - ha[k])).fold(f32::NEG_INFINITY, f32::max)
+}
+
+fn quantile_box(dense: &[(Point3<f32>, Vector3<f32>)]) -> Result<Box3, Error> {
+    let (mut lo, mut hi) = ([0.0_f32; 3], [0.0_f32; 3]);
+    if !dense.is_empty() {
+        let cut = dense.len() / 200;
+        let mut v = Vec::with_capacity(dense.len());
+        for k in 0..3 {
+            v.clear();
+            v.extend(dense.iter().map(|(p, _)| p[k]));
+            lo[k] = *v.select_nth_unstable_by(cut, f32::total_cmp).1;
+            hi[k] = *v.select_nth_unstable_by(dense.len() - 1 - cut, f32::total_cmp).1;
+        }
+    }
+    let centre = [0, 1, 2].map(|k| (lo[k] + hi[k]) / 2.0);
+    Ok(Box3::new(centre, [0, 1, 2].map(|k| hi[k] - lo[k]))?)
+}
