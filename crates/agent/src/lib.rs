@@ -13,7 +13,7 @@ mod robot;
 pub use fusion::{Fused, Scores};
 pub use instances::{GraphParams, build_graph};
 pub use nodes::{NodeInput, NodeParams, NodeSet};
-pub use robot::{Robot, RobotParams};
+pub use robot::{Robot, RobotParams, integrate};
 
 /// Class output that means "outside the label set".
 pub const NONE: &str = "none";

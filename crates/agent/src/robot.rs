@@ -36,6 +36,19 @@ impl Default for RobotParams {
     }
 }
 
+/// Integrates a frame into a map; one without a valid pose is skipped, and the report says so.
+pub fn integrate(map: &mut Map, frame: &Frame) -> FrameReport {
+    let skipped = |skip| FrameReport { skipped: Some(skip), ..FrameReport::default() };
+    let Some(world_from_camera) = frame.world_from_camera else {
+        return skipped(gsm::Skip::InvalidPose);
+    };
+    let k = frame.intrinsics;
+    let Ok(intrinsics) = gsm::Intrinsics::new(k.fx, k.fy, k.cx, k.cy, k.width, k.height) else {
+        return skipped(gsm::Skip::WrongSize);
+    };
+    map.integrate(&DepthView { depth: &frame.depth, intrinsics, world_from_camera, time: frame.time })
+}
+
 /// A segment's encoded feature, and its size then.
 struct Encoded {
     surfels: u32,
@@ -84,16 +97,7 @@ impl<'m> Robot<'m> {
     pub fn segment(&mut self, frame: &Frame) -> FrameReport {
         self.frames += 1;
         self.time = frame.time;
-        let skipped = |skip| FrameReport { skipped: Some(skip), ..FrameReport::default() };
-        let Some(world_from_camera) = frame.world_from_camera else {
-            return skipped(gsm::Skip::InvalidPose);
-        };
-        let k = frame.intrinsics;
-        let Ok(intrinsics) = gsm::Intrinsics::new(k.fx, k.fy, k.cx, k.cy, k.width, k.height) else {
-            return skipped(gsm::Skip::WrongSize);
-        };
-        let view = DepthView { depth: &frame.depth, intrinsics, world_from_camera, time: frame.time };
-        let report = self.map.integrate(&view);
+        let report = integrate(&mut self.map, frame);
         for event in &report.events {
             match *event {
                 SegmentEvent::Merged { from, into } => {

@@ -10,6 +10,8 @@ pub mod correspond;
 mod error;
 pub mod layout;
 pub mod rates;
+#[cfg(feature = "systems")]
+pub mod samples;
 pub mod scenario;
 pub mod seeds;
 pub mod surface;

@@ -5,6 +5,8 @@
 mod clock;
 mod commands;
 mod files;
+mod pipeline;
+mod progress;
 
 use clap::Parser;
 use std::process::ExitCode;

@@ -151,15 +151,21 @@ struct Visit {
     next: usize,
 }
 
+/// The seed of a visit and its true camera poses in the scan's frame.
+fn poses(room: &Room, scan: &Scan, visit: u64, params: &WorldParams) -> (u64, Vec<Isometry3<f32>>) {
+    let which = room.scans.iter().position(|s| s.id == scan.id).unwrap_or(0) as u64;
+    let seed = key(room.seed, "visit", &[which, visit]);
+    let mut draw = Draw::new(seed, "path", &[]);
+    let poses = path(room, scan, &mut draw, params.frames)
+        .iter()
+        .map(|p| (scan.scan_from_room * p.cast::<f64>()).cast())
+        .collect();
+    (seed, poses)
+}
+
 impl Visit {
     fn new(room: &Room, scan: &Scan, visit: u64, params: &WorldParams) -> Self {
-        let which = room.scans.iter().position(|s| s.id == scan.id).unwrap_or(0) as u64;
-        let seed = key(room.seed, "visit", &[which, visit]);
-        let mut draw = Draw::new(seed, "path", &[]);
-        let poses = path(room, scan, &mut draw, params.frames)
-            .iter()
-            .map(|p| (scan.scan_from_room * p.cast::<f64>()).cast())
-            .collect();
+        let (seed, poses) = poses(room, scan, visit, params);
         let scene = Scene::new(scan);
         Self {
             image: scene.image(&params.intrinsics),
@@ -229,6 +235,11 @@ impl Dataset for World {
     fn relations(&self, scan: &str) -> Result<Vec<Relation>, Error> {
         let (room, scan) = self.scan(scan)?;
         Ok(relations(&scan.instances, room.seed))
+    }
+
+    fn frame_count(&self, scan: &str, visit: u64) -> Result<u32, Error> {
+        let (room, scan) = self.scan(scan)?;
+        Ok(poses(room, scan, visit, &self.params).1.len() as u32)
     }
 
     fn frames(&self, scan: &str, visit: u64) -> Result<FrameStream<'_>, Error> {

@@ -2,6 +2,7 @@
 
 mod align;
 mod infer;
+mod samples;
 
 use anyhow::Result;
 use std::process::ExitCode;
@@ -12,6 +13,8 @@ pub(crate) enum Command {
     Align(align::Args),
     /// Recompute stored vectors of the network and compare every tensor.
     Infer(infer::Args),
+    /// Write training samples from generated rooms.
+    Samples(samples::Args),
 }
 
 impl Command {
@@ -19,6 +22,7 @@ impl Command {
         match self {
             Self::Align(a) => a.run(),
             Self::Infer(a) => a.run(),
+            Self::Samples(a) => a.run(),
         }
     }
 }
