@@ -26,9 +26,34 @@ pub fn output_names(labels: LabelSet) -> (Vec<String>, Vec<String>) {
     (owned(labels.classes(), &[NONE]), owned(labels.predicates(), &[SAME_PART, NONE]))
 }
 
+/// Where the nodes of a sample come from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// Segments of the map half way through the visit.
+    Half,
+    /// Segments at its end.
+    End,
+    /// True instances at its end.
+    Instances,
+}
+
+impl Kind {
+    /// As in a sample file.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Half => "half",
+            Self::End => "end",
+            Self::Instances => "instances",
+        }
+    }
+}
+
 /// One graph with its truth.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Sample {
+    /// Where its nodes come from.
+    pub kind: Kind,
     /// Nodes and pairs.
     pub set: NodeSet,
     /// Class output per node, or [`IGNORE`].
@@ -61,7 +86,7 @@ impl<'a> Teacher<'a> {
 
     /// The truth of a node set whose points are in the scan's own frame.
     #[must_use]
-    pub fn teach(&self, set: NodeSet) -> Sample {
+    pub fn teach(&self, kind: Kind, set: NodeSet) -> Sample {
         let instances: Vec<Option<u32>> = set.nodes.iter().map(|n| self.instance_of(n)).collect();
         let classes = instances.iter().map(|i| i.map_or(IGNORE, |i| self.class_of(i))).collect();
         let predicates = set.edges.iter().map(|&[i, j]| match (instances[i], instances[j]) {
@@ -70,7 +95,7 @@ impl<'a> Teacher<'a> {
         });
         let predicates = predicates.collect();
         let instances = instances.iter().map(|i| i.unwrap_or(0)).collect();
-        Sample { set, classes, predicates, instances }
+        Sample { kind, set, classes, predicates, instances }
     }
 
     /// The instance that holds a segment; `Some(0)` for a surface without annotation, `None` where
@@ -153,19 +178,22 @@ pub fn of_visit(
     let mut samples = Vec::new();
     for (k, frame) in data.frames(scan, visit)?.enumerate() {
         integrate(&mut map, &frame?);
-        if k as u32 + 1 == count / 2 || k as u32 + 1 == count {
-            let set = NodeSet::of_map(&map, &UnitQuaternion::identity(), nodes).map_err(pipeline)?;
-            samples.push(teacher.teach(set));
-        }
+        let kind = match k as u32 + 1 {
+            n if n == count => Kind::End,
+            n if n == count / 2 => Kind::Half,
+            _ => continue,
+        };
+        let set = NodeSet::of_map(&map, &UnitQuaternion::identity(), nodes).map_err(pipeline)?;
+        samples.push(teacher.teach(kind, set));
     }
-    samples.push(teacher.teach(teacher.instances_of_map(&map, nodes)?));
+    samples.push(teacher.teach(Kind::Instances, teacher.instances_of_map(&map, nodes)?));
     samples.retain(|s| !s.set.nodes.is_empty());
     Ok(samples)
 }
 
 /// Samples as one safetensors file. Per graph `<k>.points` [N, P, 6] f32 (xyz in metres, normal;
 /// short nodes repeat their points), `<k>.classes` [N] i64, `<k>.edges` [E, 2] i64,
-/// `<k>.predicates` [E] i64.
+/// `<k>.predicates` [E] i64; metadata `kinds` names the kind of each graph, one a line.
 ///
 /// # Errors
 /// Nothing that samples of [`of_visit`] can cause.
@@ -189,7 +217,7 @@ pub fn to_safetensors(samples: &[Sample], points: usize, labels: LabelSet) -> Re
     }
     let (classes, predicates) = output_names(labels);
     let metadata = [
-        ("graphs".to_owned(), samples.len().to_string()),
+        ("kinds".to_owned(), samples.iter().map(|s| s.kind.name()).collect::<Vec<_>>().join("\n")),
         ("class_names".to_owned(), classes.join("\n")),
         ("predicate_names".to_owned(), predicates.join("\n")),
     ];

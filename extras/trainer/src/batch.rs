@@ -1,0 +1,146 @@
+//! Several graphs as one, with the network's input computed exactly as inference does.
+
+use crate::data::{CHANNELS, Graph};
+use candle_core::{Device, Result, Tensor};
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::Rng;
+
+/// Extents and radii below this are taken for this, metres (as in sgfn-infer).
+const MIN_EXTENT: f32 = 1e-3;
+
+/// Tensors of one step.
+pub struct Batch {
+    /// [N * P, C].
+    pub points: Tensor,
+    pub nodes: usize,
+    pub per_node: usize,
+    /// [N, 8].
+    pub spatial: Tensor,
+    /// [E, 11].
+    pub relative: Tensor,
+    pub i: Tensor,
+    pub j: Tensor,
+    pub edges: usize,
+    /// [N * deg]: edge of each node's k-th slot, E where there is none.
+    pub slots: Tensor,
+    pub degree: usize,
+    pub classes: Vec<i64>,
+    pub predicates: Vec<i64>,
+}
+
+/// How samples are varied.
+pub struct Augment<'a> {
+    pub rng: &'a mut ChaCha8Rng,
+}
+
+pub fn unit(rng: &mut ChaCha8Rng) -> f32 {
+    (rng.next_u32() >> 8) as f32 / (1 << 24) as f32
+}
+
+impl Batch {
+    /// Joins graphs. With `augment`: one yaw and perhaps a mirror per graph, sizes scaled by up to
+    /// 5 %, `keep` points per node drawn at random; else the first `keep` points, evenly spaced.
+    pub fn new(graphs: &[&Graph], keep: usize, mut augment: Option<Augment<'_>>) -> Result<Self> {
+        let (mut points, mut spatial, mut descriptors) = (Vec::<f32>::new(), Vec::<f32>::new(), Vec::new());
+        let (mut index, mut classes, mut predicates) = (Vec::new(), Vec::new(), Vec::new());
+        for g in graphs {
+            let motion = augment.as_mut().map(|a| {
+                let yaw = unit(a.rng) * std::f32::consts::TAU;
+                let mirror = if a.rng.next_u32() & 1 == 0 { 1.0 } else { -1.0 };
+                (yaw.sin_cos(), mirror, 0.95 + 0.1 * unit(a.rng))
+            });
+            let base = classes.len();
+            for node in g.points.chunks_exact(g.per_node * CHANNELS) {
+                let mut node = node.to_vec();
+                if let Some(((s, c), mirror, scale)) = motion {
+                    for v in node.chunks_exact_mut(3) {
+                        let x = v[0] * mirror;
+                        (v[0], v[1]) = (c * x - s * v[1], s * x + c * v[1]);
+                    }
+                    for p in node.chunks_exact_mut(CHANNELS) {
+                        p[..3].iter_mut().for_each(|v| *v *= scale);
+                    }
+                }
+                let d = descriptor(&node, g.per_node);
+                normalise(&mut node, &d);
+                for k in 0..keep {
+                    let q = match augment.as_mut() {
+                        Some(a) => a.rng.next_u32() as usize % g.per_node,
+                        None => k * g.per_node / keep,
+                    };
+                    points.extend(&node[q * CHANNELS..(q + 1) * CHANNELS]);
+                }
+                spatial.extend([d[3], d[4], d[5], d[6], d[7], d[8], d[9].ln(), d[10].ln()]);
+                descriptors.push(d);
+            }
+            index.extend(g.edges.iter().map(|e| e.map(|k| base + k)));
+            classes.extend(&g.classes);
+            predicates.extend(&g.predicates);
+        }
+        let relative: Vec<f32> =
+            index.iter().flat_map(|&[i, j]| relative(&descriptors[j], &descriptors[i])).collect();
+        let (n, e) = (classes.len(), index.len());
+        let (slots, degree) = slots(&index, n);
+        let dev = &Device::Cpu;
+        let ids = |k: usize| Tensor::from_vec(index.iter().map(|p| p[k] as u32).collect::<Vec<_>>(), e, dev);
+        Ok(Self {
+            points: Tensor::from_vec(points, (n * keep, CHANNELS), dev)?,
+            nodes: n,
+            per_node: keep,
+            spatial: Tensor::from_vec(spatial, (n, 8), dev)?,
+            relative: Tensor::from_vec(relative, (e, 11), dev)?,
+            i: ids(0)?,
+            j: ids(1)?,
+            edges: e,
+            slots: Tensor::from_vec(slots, n * degree, dev)?,
+            degree,
+            classes,
+            predicates,
+        })
+    }
+}
+
+fn slots(index: &[[usize; 2]], nodes: usize) -> (Vec<u32>, usize) {
+    let mut lists = vec![Vec::new(); nodes];
+    for (k, e) in index.iter().enumerate() {
+        lists[e[0]].push(k as u32);
+    }
+    let degree = lists.iter().map(Vec::len).max().unwrap_or(0).max(1);
+    let pad = index.len() as u32;
+    let flat = lists.into_iter().flat_map(|mut l| {
+        l.resize(degree, pad);
+        l
+    });
+    (flat.collect(), degree)
+}
+
+fn descriptor(node: &[f32], n: usize) -> [f32; 11] {
+    let mut d = [0.0_f32; 11];
+    let (mut volume, mut longest) = (1.0_f64, 0.0_f64);
+    for axis in 0..3 {
+        let values = || node.iter().skip(axis).step_by(CHANNELS).map(|&v| f64::from(v));
+        let mean = values().sum::<f64>() / n as f64;
+        let var = values().map(|v| (v - mean) * (v - mean)).sum::<f64>() / (n as f64 - 1.0).max(1.0);
+        let (lo, hi) = values().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(v), b.max(v)));
+        let extent = (hi - lo).max(f64::from(MIN_EXTENT));
+        (d[axis], d[3 + axis], d[6 + axis]) = (mean as f32, var.sqrt() as f32, extent as f32);
+        volume *= extent;
+        longest = longest.max(extent);
+    }
+    (d[9], d[10]) = (volume as f32, longest as f32);
+    d
+}
+
+fn normalise(node: &mut [f32], d: &[f32; 11]) {
+    let mut radius = 0.0_f32;
+    for p in node.chunks_exact_mut(CHANNELS) {
+        (0..3).for_each(|k| p[k] -= d[k]);
+        radius = radius.max((p[0] * p[0] + p[1] * p[1] + p[2] * p[2]).sqrt());
+    }
+    let scale = 1.0 / radius.max(MIN_EXTENT);
+    node.chunks_exact_mut(CHANNELS).for_each(|p| p[..3].iter_mut().for_each(|v| *v *= scale));
+}
+
+fn relative(a: &[f32; 11], b: &[f32; 11]) -> [f32; 11] {
+    std::array::from_fn(|k| if k < 6 { a[k] - b[k] } else { (a[k] / b[k]).ln() })
+}
