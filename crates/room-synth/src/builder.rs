@@ -8,7 +8,7 @@ use crate::room::{Geometry, Instance, Support};
 use crate::shapes::{Family, Shape};
 use crate::space::Solid;
 use crate::split::Split;
-use nalgebra::{Isometry3, Point2, Point3, Translation3, UnitQuaternion, Vector2, Vector3};
+use nalgebra::{Isometry3, Point2, Point3, Translation3, UnitQuaternion, Vector3};
 use std::collections::BTreeMap;
 
 /// Id of the floor; walls follow.
@@ -418,11 +418,6 @@ pub(crate) fn symmetry(geometry: &Geometry) -> u8 {
         | Family::Ottoman => 1,
         _ => 0,
     }
-}
-
-/// Distance between two points of the floor.
-pub(crate) fn floor_distance(a: &Isometry3<f32>, b: &Isometry3<f32>) -> f32 {
-    Vector2::new(a.translation.x - b.translation.x, a.translation.y - b.translation.y).norm()
 }
 
 /// Going on with a room that is already furnished.

@@ -156,8 +156,4 @@ impl Plan {
         let y = self.rects.iter().fold((0.0_f32, 0.0_f32), |a, r| (a.0.min(r[1]), a.1.max(r[3])));
         (m, [x.1 - x.0, y.1 - y.0, 0.02])
     }
-
-    pub(crate) fn area(&self) -> f32 {
-        self.rects.iter().map(|r| (r[2] - r[0]) * (r[3] - r[1])).sum()
-    }
 }
