@@ -14,7 +14,7 @@ use std::collections::BTreeMap;
 /// Id of the floor; walls follow.
 pub(crate) const FLOOR: u32 = 1;
 /// Attempts per object and place before it is left out.
-const TRIES: usize = 14;
+const TRIES: usize = 24;
 /// Gap left between neighbours, metres.
 const GAP: f32 = 0.012;
 
@@ -192,13 +192,7 @@ impl Builder {
         let floor = vec![Support { parent: FLOOR, contact: kind.floor }];
         let [w, d, h] = shape.size;
         match place {
-            Place::Back => {
-                let (_, wall) = self.wall()?;
-                let u = self.draw.range(w / 2.0, (wall.length() - w / 2.0).max(w / 2.0));
-                let snapped = if self.draw.chance(0.3) { w / 2.0 + 0.02 } else { u };
-                let gap = 0.01 + 0.04 * self.draw.unit() * self.draw.unit();
-                Some((self.jitter(wall.pose(snapped, gap, d, 0.0), 1.5), floor, vec![]))
-            }
+            Place::Back => Some((self.back(shape)?, floor, vec![])),
             Place::Free => {
                 let p = self.point();
                 let yaw = self.draw.range(-3.2, 3.2);
@@ -240,6 +234,25 @@ impl Builder {
                 ))
             }
         }
+    }
+
+    /// At a wall, its back to it; long things now and then with their side.
+    fn back(&mut self, shape: &Shape) -> Option<Isometry3<f32>> {
+        let [mut w, mut d, _] = shape.size;
+        let (_, wall) = self.wall()?;
+        let side = d > 1.25 * w && self.draw.chance(0.5);
+        if side {
+            std::mem::swap(&mut w, &mut d);
+        }
+        let u = self.draw.range(w / 2.0, (wall.length() - w / 2.0).max(w / 2.0));
+        let snapped = if self.draw.chance(0.35) { w / 2.0 + 0.02 } else { u };
+        let gap = 0.01 + 0.04 * self.draw.unit() * self.draw.unit();
+        let mut pose = wall.pose(snapped, gap, d, 0.0);
+        if side {
+            let quarter = if self.draw.chance(0.5) { 1.0 } else { -1.0 } * std::f32::consts::FRAC_PI_2;
+            pose.rotation *= UnitQuaternion::from_axis_angle(&Vector3::z_axis(), quarter);
+        }
+        Some(self.jitter(pose, 1.5))
     }
 
     fn wall(&mut self) -> Option<(usize, WallLine)> {

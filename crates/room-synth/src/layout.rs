@@ -30,8 +30,8 @@ pub(crate) fn layout(seed: u64, split: Split, index: u64) -> Layout {
     let mut draw = Draw::new(seed, "room", &[split as u64, index]);
     let recipe = &RECIPES[draw.weighted(RECIPES.iter().map(|r| r.weight))];
     // Some rooms are nearly empty, some are crammed.
-    let richness = (0.42 * draw.normal() - 0.02).exp().clamp(0.3, 3.2);
-    let side = richness.powf(0.3);
+    let richness = (0.5 * draw.normal() - 0.02).exp().clamp(0.22, 3.6);
+    let side = 0.95 * richness.powf(0.3);
     let w = draw.range(recipe.sides[0], recipe.sides[1]) * side;
     let l = draw.range(recipe.sides[0], recipe.sides[1]) * side * draw.range(1.0, 1.45);
     let plan = Plan::draw(&mut draw, w.max(1.5), l.max(1.6), richness);
@@ -48,6 +48,7 @@ pub(crate) fn layout(seed: u64, split: Split, index: u64) -> Layout {
         wash_place(&mut b);
     }
     furnish(&mut b, recipe, richness);
+    shower_curtain(&mut b);
     b.finish(recipe.kind)
 }
 
@@ -285,6 +286,32 @@ pub(crate) fn fixed(
     let id = b.add(label, geometry, pose, supports, albedo);
     b.occupy(id);
     Some(id)
+}
+
+/// Along the open side of a bathtub or shower.
+fn shower_curtain(b: &mut Builder) {
+    let Some(host) = b.out.iter().find(|i| matches!(i.label, "bathtub" | "shower")) else { return };
+    let ([w, d, _], pose) = (host.size(), host.room_from_object);
+    if !b.draw.chance(0.6) {
+        return;
+    }
+    let mut shape = b.fresh(Family::Curtain, [w * 0.45, 0.12, 1.8], 0.25);
+    shape.size[0] = shape.size[0].min(w);
+    shape.size[2] = shape.size[2].min(b.plan.height - 0.3);
+    let x = (w - shape.size[0]) * if b.draw.chance(0.5) { 0.5 } else { -0.5 };
+    let z = b.plan.height - 0.15 - shape.size[2];
+    let hang = Translation3::new(x, d / 2.0 + 0.08, z);
+    let parent = b.wall_ids.iter().copied().find(|i| *i > 0).unwrap_or(FLOOR);
+    let contact = if b.draw.chance(0.6) { Contact::SupportedBy } else { Contact::HangingOn };
+    fixed(
+        b,
+        "shower curtain",
+        Geometry::Shape(shape),
+        pose * hang,
+        vec![Support { parent, contact }],
+        0.6,
+        &[],
+    );
 }
 
 /// What the recipe asks for, large things first, then clutter.

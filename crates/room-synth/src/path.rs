@@ -164,11 +164,16 @@ pub(crate) fn path(room: &Room, scan: &Scan, draw: &mut Draw, mean_frames: f32) 
         let t = k as f32 / RATE;
         let bob = 0.03 * (t * 2.1).sin();
         let eye = Point3::new(position.x, position.y, height + bob + 0.1 * (t * 0.23).sin());
-        let (theta, aim) = look.step(draw);
+        let (theta, aim) = look.step(draw, |theta| across(&eye, (cx, cy), radius, theta));
         let target = Point3::new(cx + radius * theta.cos(), cy + radius * theta.sin(), aim);
         out.push(camera(&eye, &target, look.roll));
     }
     out
+}
+
+/// Distance from the eye, along the floor, to the point of the surrounding circle at an angle.
+fn across(eye: &Point3<f32>, (cx, cy): (f32, f32), radius: f32, theta: f32) -> f32 {
+    Vector2::new(cx + radius * theta.cos() - eye.x, cy + radius * theta.sin() - eye.y).norm()
 }
 
 fn middle(floor: &[[f32; 4]]) -> (f32, f32) {
@@ -188,34 +193,38 @@ struct Look {
     aim: f32,
     goal_aim: f32,
     roll: f32,
+    /// The gaze stays within `reach` of `middle`: some visits leave a part of the room out.
+    middle: f32,
+    reach: f32,
 }
 
 impl Look {
     fn new(draw: &mut Draw) -> Self {
         let rate = draw.range(0.25, 0.5) * if draw.chance(0.5) { 1.0 } else { -1.0 };
-        Self {
-            theta: draw.range(0.0, std::f32::consts::TAU),
-            rate,
-            goal_rate: rate,
-            aim: 0.7,
-            goal_aim: 0.7,
-            roll: 0.0,
-        }
+        let middle = draw.range(0.0, std::f32::consts::TAU);
+        let reach = draw.range(1.7, 5.0);
+        Self { theta: middle, rate, goal_rate: rate, aim: 0.7, goal_aim: 0.7, roll: 0.0, middle, reach }
     }
 
     /// Angle about the middle of the room, and height of the point looked at.
-    fn step(&mut self, draw: &mut Draw) -> (f32, f32) {
+    fn step(&mut self, draw: &mut Draw, distance: impl Fn(f32) -> f32) -> (f32, f32) {
         if draw.chance(0.04) {
             let sign = if draw.chance(0.75) { self.goal_rate.signum() } else { -self.goal_rate.signum() };
             self.goal_rate = sign * draw.range(0.15, 0.6);
         }
         if draw.chance(0.08) {
-            self.goal_aim = draw.range(-0.4, 1.9);
+            self.goal_aim = draw.range(-0.5, 1.7);
+        }
+        // Nobody films the wall before his nose: the gaze hurries over it.
+        let hurry = if distance(self.theta) < 1.3 { 2.2 } else { 1.0 };
+        if (self.theta - self.middle).abs() > self.reach && (self.theta - self.middle) * self.goal_rate > 0.0
+        {
+            self.goal_rate = -self.goal_rate;
         }
         self.rate += 0.15 * (self.goal_rate - self.rate);
         self.aim += 0.12 * (self.goal_aim - self.aim);
         self.roll = 0.97 * self.roll + 0.008 * draw.normal();
-        self.theta += self.rate / RATE;
+        self.theta += self.rate * hurry / RATE;
         (self.theta, self.aim)
     }
 }

@@ -113,17 +113,17 @@ impl Plan {
             let (a, b) = (Point2::new(c[0], c[1]), Point2::new(d[0], d[1]));
             let along = (b - a).normalize();
             let inward = Vector2::new(-along.y, along.x);
-            let thickness = draw.range(0.1, 0.22);
+            let thickness = 0.05 + 0.3 * draw.unit() * draw.unit();
             let line = |a, b| WallLine { a, b, inward, holes: Vec::new(), open: false, thickness };
             let length = (b - a).norm();
-            if length > 2.2 && draw.chance(0.09 * richness) {
-                let cut = a + along * (length * draw.range(0.3, 0.7));
+            if length > 1.8 && draw.chance((0.24 * richness).min(0.6)) {
+                let cut = a + along * (length * draw.range(0.12, 0.88));
                 walls.extend([line(a, cut), line(cut, b)]);
             } else {
                 walls.push(line(a, b));
             }
         }
-        let open = draw.weighted([0.62, 0.28, 0.10].into_iter());
+        let open = draw.weighted([0.34, 0.33, 0.22, 0.11].into_iter());
         for _ in 0..open {
             let k = draw.below(walls.len());
             walls[k].open = true;
