@@ -29,6 +29,8 @@ pub(crate) struct Builder {
     keep_out: Vec<Solid>,
     /// Ids of the walls of `plan.walls`, 0 where open; id of the ceiling.
     pub(crate) wall_ids: Vec<u32>,
+    /// Ids of the upper pieces of walls in two pieces, 0 elsewhere.
+    pub(crate) upper_ids: Vec<u32>,
     pub(crate) ceiling: Option<u32>,
     models: BTreeMap<&'static str, Vec<(Shape, u64)>>,
     pub(crate) next_id: u32,
@@ -44,6 +46,7 @@ impl Builder {
             solids: Vec::new(),
             keep_out: Vec::new(),
             wall_ids: Vec::new(),
+            upper_ids: Vec::new(),
             ceiling: None,
             models: BTreeMap::new(),
             next_id: FLOOR,
@@ -219,7 +222,7 @@ impl Builder {
                 {
                     return None;
                 }
-                let parent = self.wall_ids[k];
+                let parent = self.wall_at(k, z + h / 2.0);
                 Some((wall.pose(u, 0.004, d, z), vec![Support { parent, contact }], vec![]))
             }
             Place::Lean => self.lean(shape),
@@ -253,6 +256,12 @@ impl Builder {
             pose.rotation *= UnitQuaternion::from_axis_angle(&Vector3::z_axis(), quarter);
         }
         Some(self.jitter(pose, 1.5))
+    }
+
+    /// The piece of a wall at some height.
+    pub(crate) fn wall_at(&self, k: usize, z: f32) -> u32 {
+        let upper = self.upper_ids.get(k).copied().unwrap_or(0);
+        if upper > 0 && self.plan.walls[k].cut.is_some_and(|c| z > c) { upper } else { self.wall_ids[k] }
     }
 
     fn wall(&mut self) -> Option<(usize, WallLine)> {
@@ -440,6 +449,7 @@ impl Builder {
         b.out.clone_from(&layout.instances);
         b.next_id = next_id;
         b.wall_ids.clone_from(&layout.wall_ids);
+        b.upper_ids.clone_from(&layout.upper_ids);
         b.ceiling = layout.ceiling;
         b.keep_out.clone_from(&layout.keep_out);
         let building = ["floor", "wall", "ceiling", "window", "door", "doorframe"];
@@ -460,6 +470,7 @@ impl Builder {
             instances,
             next_id: self.next_id,
             wall_ids: self.wall_ids,
+            upper_ids: self.upper_ids,
             ceiling: self.ceiling,
             keep_out: self.keep_out,
         }

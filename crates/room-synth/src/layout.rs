@@ -3,7 +3,7 @@
 use crate::builder::{Builder, FLOOR};
 use crate::catalogue;
 use crate::openings;
-use crate::plan::{Plan, facing};
+use crate::plan::{Plan, WallLine, facing};
 use crate::recipes::{CLUTTER, RECIPES, Recipe};
 use crate::relations::Contact;
 use crate::rng::Draw;
@@ -21,6 +21,7 @@ pub(crate) struct Layout {
     pub(crate) instances: Vec<Instance>,
     pub(crate) next_id: u32,
     pub(crate) wall_ids: Vec<u32>,
+    pub(crate) upper_ids: Vec<u32>,
     pub(crate) ceiling: Option<u32>,
     pub(crate) keep_out: Vec<Solid>,
 }
@@ -62,6 +63,13 @@ fn shell(b: &mut Builder) {
         *id = b.next_id;
         b.next_id += 1;
     }
+    b.upper_ids = vec![0; b.wall_ids.len()];
+    for k in 0..b.upper_ids.len() {
+        if b.wall_ids[k] > 0 && b.plan.walls[k].cut.is_some() {
+            b.upper_ids[k] = b.next_id;
+            b.next_id += 1;
+        }
+    }
     let (mesh, size) = b.plan.slab(false);
     let Some(&first) = b.wall_ids.iter().find(|id| **id > 0) else { return };
     let supports = vec![Support { parent: first, contact: Contact::AttachedTo }];
@@ -74,33 +82,41 @@ fn shell(b: &mut Builder) {
     }
 }
 
-/// Walls with the holes that doors and windows made.
+/// Walls with the holes that doors and windows made, in one piece or two.
 fn walls(b: &mut Builder) {
-    let height = b.plan.height;
     for (k, line) in b.plan.walls.clone().iter().enumerate() {
         if line.open {
             continue;
         }
-        let size = [line.length(), line.thickness, height];
-        let middle = line.a + (line.b - line.a) / 2.0 - line.inward * (line.thickness / 2.0);
-        let geometry = Geometry::Built(Arc::new(line.mesh(height)), size);
-        let supports = vec![Support { parent: FLOOR, contact: Contact::AttachedTo }];
-        let albedo = b.draw.range(0.65, 0.95);
-        let next = b.next_id;
-        b.add("wall", geometry, facing(middle, line.inward, 0.0), supports, albedo);
-        b.next_id = next;
-        if let Some(i) = b.out.last_mut() {
-            i.id = b.wall_ids[k];
+        let (id, upper) = (b.wall_ids[k], b.upper_ids[k]);
+        let cut = if upper > 0 { line.cut } else { None }.unwrap_or(b.plan.height);
+        wall_piece(b, line, id, FLOOR, [0.0, cut]);
+        if upper > 0 {
+            wall_piece(b, line, upper, id, [cut, b.plan.height]);
         }
     }
     b.out.sort_by_key(|i| i.id);
+}
+
+fn wall_piece(b: &mut Builder, line: &WallLine, id: u32, parent: u32, [bottom, top]: [f32; 2]) {
+    let size = [line.length(), line.thickness, top - bottom];
+    let middle = line.a + (line.b - line.a) / 2.0 - line.inward * (line.thickness / 2.0);
+    let geometry = Geometry::Built(Arc::new(line.mesh(bottom, top)), size);
+    let supports = vec![Support { parent, contact: Contact::AttachedTo }];
+    let albedo = b.draw.range(0.65, 0.95);
+    let next = b.next_id;
+    b.add("wall", geometry, facing(middle, line.inward, bottom), supports, albedo);
+    b.next_id = next;
+    if let Some(i) = b.out.last_mut() {
+        i.id = id;
+    }
 }
 
 /// Kitchen cabinets in a row under a counter with a sink, wall cabinets above.
 fn kitchen_run(b: &mut Builder) {
     let Some(cabinet) = catalogue::find("cabinet") else { return };
     let lengths: Vec<f32> = b.plan.walls.iter().map(|w| if w.open { 0.0 } else { w.length() }).collect();
-    let k = b.draw.weighted(lengths.iter().map(|l| l * l));
+    let k = b.draw.weighted(lengths.iter().map(|l| (l - 1.2).max(0.01).powi(2)));
     let line = b.plan.walls[k].clone();
     if line.open || line.length() < 1.2 {
         return;
@@ -164,7 +180,7 @@ fn kitchen_run(b: &mut Builder) {
 /// The counter over a row of cabinets: a slab with a hole for the sink.
 fn counter(
     b: &mut Builder,
-    line: &crate::plan::WallLine,
+    line: &WallLine,
     bases: &[(u32, f32)],
     u0: f32,
     width: f32,

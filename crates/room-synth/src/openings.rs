@@ -129,7 +129,7 @@ pub(crate) fn swung(closed: &Isometry3<f32>, width: f32, angle: f32, left: bool)
 }
 
 fn window(b: &mut Builder, k: usize, [from, to, low, high]: [f32; 4]) {
-    let (line, wall) = (b.plan.walls[k].clone(), b.wall_ids[k]);
+    let (line, wall) = (b.plan.walls[k].clone(), b.wall_at(k, (low + high) / 2.0));
     let middle = (from + to) / 2.0;
     let (w, h) = (to - from, high - low);
     let mut shape = b.fresh(Family::Window, [w, 0.08, h], 0.0);
@@ -194,7 +194,7 @@ fn heater(b: &mut Builder, k: usize, u: f32, below: f32) {
 
 /// Curtains or blinds. What is quite hidden is not annotated.
 fn cover(b: &mut Builder, k: usize, window: u32, [from, to, low, high]: [f32; 4]) {
-    let (line, wall) = (b.plan.walls[k].clone(), b.wall_ids[k]);
+    let (line, wall) = (b.plan.walls[k].clone(), b.wall_at(k, high));
     let w = to - from;
     let hang = vec![Support { parent: wall, contact: Contact::HangingOn }];
     match b.draw.weighted([0.36, 0.14, 0.16, 0.34].into_iter()) {

@@ -15,6 +15,8 @@ pub(crate) struct WallLine {
     /// No wall stands here: the room goes on.
     pub(crate) open: bool,
     pub(crate) thickness: f32,
+    /// Height at which one piece of the wall ends and another begins.
+    pub(crate) cut: Option<f32>,
 }
 
 impl WallLine {
@@ -33,8 +35,8 @@ impl WallLine {
         facing(p, self.inward, z)
     }
 
-    /// The wall as a mesh about its middle, front at +y.
-    pub(crate) fn mesh(&self, height: f32) -> Mesh {
+    /// The wall between two heights as a mesh about its middle, front at +y, `bottom` at 0.
+    pub(crate) fn mesh(&self, bottom: f32, top: f32) -> Mesh {
         let mut m = Mesh::default();
         let (l, y, back) = (self.length(), self.thickness / 2.0, -self.thickness / 2.0);
         // Seen from the room, x grows to the left: local x = inward turned by -90 degrees.
@@ -51,20 +53,26 @@ impl WallLine {
         holes.sort_by(|a, b| a[0].total_cmp(&b[0]));
         let mut at = 0.0;
         for h in &holes {
-            face(at, h[0], 0.0, height);
-            face(h[0], h[1], 0.0, h[2]);
-            face(h[0], h[1], h[3], height);
+            face(at, h[0], bottom, top);
+            face(h[0], h[1], bottom, h[2].min(top));
+            face(h[0], h[1], h[3].max(bottom), top);
             at = h[1];
         }
-        face(at, l, 0.0, height);
-        for h in &holes {
+        face(at, l, bottom, top);
+        for h in holes.iter().filter(|h| h[2] < top && h[3] > bottom) {
+            let h = [h[0], h[1], h[2].max(bottom), h[3].min(top)];
             let (p, q) = (x(h[0]).min(x(h[1])), x(h[0]).max(x(h[1])));
             m.quad([[p, y, h[2]], [p, y, h[3]], [p, back, h[3]], [p, back, h[2]]]);
             m.quad([[q, back, h[2]], [q, back, h[3]], [q, y, h[3]], [q, y, h[2]]]);
-            m.quad([[p, y, h[3]], [q, y, h[3]], [q, back, h[3]], [p, back, h[3]]]);
-            if h[2] > 0.0 {
+            if h[3] < top {
+                m.quad([[p, y, h[3]], [q, y, h[3]], [q, back, h[3]], [p, back, h[3]]]);
+            }
+            if h[2] > bottom {
                 m.quad([[p, back, h[2]], [q, back, h[2]], [q, y, h[2]], [p, y, h[2]]]);
             }
+        }
+        for p in &mut m.points {
+            p.z -= bottom;
         }
         m
     }
@@ -114,16 +122,19 @@ impl Plan {
             let along = (b - a).normalize();
             let inward = Vector2::new(-along.y, along.x);
             let thickness = 0.05 + 0.3 * draw.unit() * draw.unit();
-            let line = |a, b| WallLine { a, b, inward, holes: Vec::new(), open: false, thickness };
+            let cut = draw
+                .chance(0.2)
+                .then(|| if draw.chance(0.5) { draw.range(0.8, 1.5) } else { draw.range(1.5, 2.1) });
+            let line = |a, b| WallLine { a, b, inward, holes: Vec::new(), open: false, thickness, cut };
             let length = (b - a).norm();
-            if length > 1.8 && draw.chance((0.24 * richness).min(0.6)) {
+            if length > 1.8 && draw.chance((0.13 * richness).min(0.5)) {
                 let cut = a + along * (length * draw.range(0.12, 0.88));
                 walls.extend([line(a, cut), line(cut, b)]);
             } else {
                 walls.push(line(a, b));
             }
         }
-        let open = draw.weighted([0.34, 0.33, 0.22, 0.11].into_iter());
+        let open = draw.weighted([0.2, 0.36, 0.28, 0.16].into_iter());
         for _ in 0..open {
             let k = draw.below(walls.len());
             walls[k].open = true;

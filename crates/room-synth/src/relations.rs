@@ -103,8 +103,8 @@ fn relation(subject: u32, object: u32, predicate: &str) -> Relation {
 
 /// Walls, floors, ceilings: too large to be left or right of anything.
 fn is_building(i: &Instance) -> bool {
-    let [w, d, h] = i.size();
-    matches!(i.geometry, Geometry::Built(..)) && (h > 1.8 || w * d > 3.0)
+    let joined = i.supports.first().is_none_or(|s| s.contact == Contact::AttachedTo);
+    matches!(i.geometry, Geometry::Built(..)) && joined
 }
 
 /// Share of the supports of a kind that annotators wrote down.
@@ -148,7 +148,7 @@ fn pair(a: &(&Instance, Solid), b: &(&Instance, Solid), seed: u64, out: &mut Vec
         out.extend([relation(i.id, j.id, p), relation(j.id, i.id, q)]);
     };
     let alike = family(i).is_some() && family(i) == family(j);
-    if i.model == j.model && kept(seed, i.id ^ 0x4000, j.id ^ 0x4000, 0.75) {
+    if i.model == j.model && kept(seed, i.id ^ 0x4000, j.id ^ 0x4000, 0.58) {
         both(out, "same as");
     }
     let linked = i.supports.iter().any(|s| s.parent == j.id) || j.supports.iter().any(|s| s.parent == i.id);
@@ -164,12 +164,12 @@ fn pair(a: &(&Instance, Solid), b: &(&Instance, Solid), seed: u64, out: &mut Vec
         && i.model != j.model
         && i.symmetry > 0
         && i.symmetry == j.symmetry
-        && kept(seed, i.id ^ 0x8000, j.id ^ 0x8000, 0.12)
+        && kept(seed, i.id ^ 0x8000, j.id ^ 0x8000, 0.07)
     {
         both(out, "same symmetry as");
     }
     let closeness = 1.0 - gap / CLOSE;
-    if closeness > 0.0 && kept(seed, i.id, j.id, 0.5 * (0.4 + 0.6 * closeness)) {
+    if closeness > 0.0 && kept(seed, i.id, j.id, 0.36 * (0.4 + 0.6 * closeness)) {
         both(out, "close by");
     }
     let [vi, vj] = [volume(i), volume(j)];

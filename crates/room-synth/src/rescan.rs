@@ -255,7 +255,7 @@ fn deform(b: &mut Builder) -> Vec<u32> {
     let mut out = Vec::new();
     for k in 0..b.out.len() {
         let rate = rates(&b.out[k])[2];
-        if rate > 0.0 && b.draw.chance((1.3 * rate).min(0.6)) {
+        if rate > 0.0 && b.draw.chance((1.6 * rate).min(0.7)) {
             let detail = b.draw.word();
             let narrower = b.draw.range(0.6, 1.0);
             let i = &mut b.out[k];
