@@ -76,7 +76,12 @@ impl Builder {
     /// A shape with sizes about a mean: `spread` is the standard deviation of their logarithm.
     pub(crate) fn fresh(&mut self, family: Family, mean: [f32; 3], spread: f32) -> Shape {
         let (split, draw) = (self.split, &mut self.draw);
-        let mut size = mean.map(|m| m * (1.75 * spread * (2.0 * split.position(draw) - 1.0)).exp());
+        let mut size = mean;
+        for (k, extent) in size.iter_mut().enumerate() {
+            // Heights follow people and vary less.
+            let sd = if k == 2 { 0.62 * spread } else { spread };
+            *extent *= (1.75 * sd * (2.0 * split.position(draw) - 1.0)).exp();
+        }
         if matches!(
             family,
             Family::StoolRound | Family::TableRound | Family::Bottle | Family::Vase | Family::Plate

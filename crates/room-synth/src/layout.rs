@@ -333,7 +333,7 @@ fn shower_curtain(b: &mut Builder) {
 /// What the recipe asks for, large things first, then clutter.
 fn furnish(b: &mut Builder, recipe: &Recipe, richness: f32) {
     for &(label, p, mean) in recipe.items {
-        if b.draw.chance((p * richness.powf(0.35)).min(0.98)) {
+        if b.draw.chance((p * richness.powf(0.7)).min(0.98)) {
             let extra = if mean > 1.0 { b.draw.poisson((mean - 1.0) * richness) } else { 0 };
             for _ in 0..=extra {
                 b.place(label);
@@ -341,7 +341,7 @@ fn furnish(b: &mut Builder, recipe: &Recipe, richness: f32) {
         }
     }
     for &(label, p, mean) in CLUTTER {
-        if b.draw.chance((p * richness.powf(0.5)).min(0.98)) {
+        if b.draw.chance((p * richness.powf(0.7)).min(0.98)) {
             let extra = b.draw.poisson((mean - 1.0).max(0.0) * richness);
             for _ in 0..=extra {
                 b.place(label);

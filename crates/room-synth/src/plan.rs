@@ -104,7 +104,7 @@ impl Plan {
         }
         let (x, y) = (w / 2.0, l / 2.0);
         let height = draw.range(2.25, 2.75);
-        let corner = w.min(l) > 2.4 && draw.chance(0.3 * richness.min(1.6));
+        let corner = w.min(l) > 2.4 && draw.chance(0.2 * richness.min(1.6));
         let (rects, corners) = if corner {
             let (nx, ny) = (w * draw.range(0.25, 0.45), l * draw.range(0.25, 0.45));
             let (cx, cy) = (x - nx, y - ny);
@@ -123,18 +123,18 @@ impl Plan {
             let inward = Vector2::new(-along.y, along.x);
             let thickness = 0.05 + 0.3 * draw.unit() * draw.unit();
             let cut = draw
-                .chance(0.2)
+                .chance(0.17)
                 .then(|| if draw.chance(0.5) { draw.range(0.8, 1.5) } else { draw.range(1.5, 2.1) });
             let line = |a, b| WallLine { a, b, inward, holes: Vec::new(), open: false, thickness, cut };
             let length = (b - a).norm();
-            if length > 1.8 && draw.chance((0.13 * richness).min(0.5)) {
+            if length > 1.8 && draw.chance((0.1 * richness).min(0.5)) {
                 let cut = a + along * (length * draw.range(0.12, 0.88));
                 walls.extend([line(a, cut), line(cut, b)]);
             } else {
                 walls.push(line(a, b));
             }
         }
-        let open = draw.weighted([0.2, 0.36, 0.28, 0.16].into_iter());
+        let open = draw.weighted([0.42, 0.36, 0.22].into_iter());
         for _ in 0..open {
             let k = draw.below(walls.len());
             walls[k].open = true;
