@@ -8,13 +8,13 @@ use crate::room::{Geometry, Instance, Support};
 use crate::shapes::{Family, Shape};
 use crate::space::Solid;
 use crate::split::Split;
-use nalgebra::{Isometry3, Point2, Point3, Translation3, UnitQuaternion, Vector2, Vector3};
+use nalgebra::{Isometry3, Point2, Point3, Translation3, UnitQuaternion, Vector3};
 use std::collections::BTreeMap;
 
 /// Id of the floor; walls follow.
 pub(crate) const FLOOR: u32 = 1;
 /// Attempts per object and place before it is left out.
-const TRIES: usize = 14;
+const TRIES: usize = 24;
 /// Gap left between neighbours, metres.
 const GAP: f32 = 0.012;
 
@@ -29,6 +29,8 @@ pub(crate) struct Builder {
     keep_out: Vec<Solid>,
     /// Ids of the walls of `plan.walls`, 0 where open; id of the ceiling.
     pub(crate) wall_ids: Vec<u32>,
+    /// Ids of the upper pieces of walls in two pieces, 0 elsewhere.
+    pub(crate) upper_ids: Vec<u32>,
     pub(crate) ceiling: Option<u32>,
     models: BTreeMap<&'static str, Vec<(Shape, u64)>>,
     pub(crate) next_id: u32,
@@ -44,6 +46,7 @@ impl Builder {
             solids: Vec::new(),
             keep_out: Vec::new(),
             wall_ids: Vec::new(),
+            upper_ids: Vec::new(),
             ceiling: None,
             models: BTreeMap::new(),
             next_id: FLOOR,
@@ -73,7 +76,12 @@ impl Builder {
     /// A shape with sizes about a mean: `spread` is the standard deviation of their logarithm.
     pub(crate) fn fresh(&mut self, family: Family, mean: [f32; 3], spread: f32) -> Shape {
         let (split, draw) = (self.split, &mut self.draw);
-        let mut size = mean.map(|m| m * (1.75 * spread * (2.0 * split.position(draw) - 1.0)).exp());
+        let mut size = mean;
+        for (k, extent) in size.iter_mut().enumerate() {
+            // Heights follow people and vary less.
+            let sd = if k == 2 { 0.62 * spread } else { spread };
+            *extent *= (1.75 * sd * (2.0 * split.position(draw) - 1.0)).exp();
+        }
         if matches!(
             family,
             Family::StoolRound | Family::TableRound | Family::Bottle | Family::Vase | Family::Plate
@@ -192,13 +200,7 @@ impl Builder {
         let floor = vec![Support { parent: FLOOR, contact: kind.floor }];
         let [w, d, h] = shape.size;
         match place {
-            Place::Back => {
-                let (_, wall) = self.wall()?;
-                let u = self.draw.range(w / 2.0, (wall.length() - w / 2.0).max(w / 2.0));
-                let snapped = if self.draw.chance(0.3) { w / 2.0 + 0.02 } else { u };
-                let gap = 0.01 + 0.04 * self.draw.unit() * self.draw.unit();
-                Some((self.jitter(wall.pose(snapped, gap, d, 0.0), 1.5), floor, vec![]))
-            }
+            Place::Back => Some((self.back(shape)?, floor, vec![])),
             Place::Free => {
                 let p = self.point();
                 let yaw = self.draw.range(-3.2, 3.2);
@@ -225,7 +227,7 @@ impl Builder {
                 {
                     return None;
                 }
-                let parent = self.wall_ids[k];
+                let parent = self.wall_at(k, z + h / 2.0);
                 Some((wall.pose(u, 0.004, d, z), vec![Support { parent, contact }], vec![]))
             }
             Place::Lean => self.lean(shape),
@@ -240,6 +242,31 @@ impl Builder {
                 ))
             }
         }
+    }
+
+    /// At a wall, its back to it; long things now and then with their side.
+    fn back(&mut self, shape: &Shape) -> Option<Isometry3<f32>> {
+        let [mut w, mut d, _] = shape.size;
+        let (_, wall) = self.wall()?;
+        let side = d > 1.25 * w && self.draw.chance(0.5);
+        if side {
+            std::mem::swap(&mut w, &mut d);
+        }
+        let u = self.draw.range(w / 2.0, (wall.length() - w / 2.0).max(w / 2.0));
+        let snapped = if self.draw.chance(0.35) { w / 2.0 + 0.02 } else { u };
+        let gap = 0.01 + 0.04 * self.draw.unit() * self.draw.unit();
+        let mut pose = wall.pose(snapped, gap, d, 0.0);
+        if side {
+            let quarter = if self.draw.chance(0.5) { 1.0 } else { -1.0 } * std::f32::consts::FRAC_PI_2;
+            pose.rotation *= UnitQuaternion::from_axis_angle(&Vector3::z_axis(), quarter);
+        }
+        Some(self.jitter(pose, 1.5))
+    }
+
+    /// The piece of a wall at some height.
+    pub(crate) fn wall_at(&self, k: usize, z: f32) -> u32 {
+        let upper = self.upper_ids.get(k).copied().unwrap_or(0);
+        if upper > 0 && self.plan.walls[k].cut.is_some_and(|c| z > c) { upper } else { self.wall_ids[k] }
     }
 
     fn wall(&mut self) -> Option<(usize, WallLine)> {
@@ -420,11 +447,6 @@ pub(crate) fn symmetry(geometry: &Geometry) -> u8 {
     }
 }
 
-/// Distance between two points of the floor.
-pub(crate) fn floor_distance(a: &Isometry3<f32>, b: &Isometry3<f32>) -> f32 {
-    Vector2::new(a.translation.x - b.translation.x, a.translation.y - b.translation.y).norm()
-}
-
 /// Going on with a room that is already furnished.
 impl Builder {
     pub(crate) fn resume(draw: Draw, split: Split, layout: &crate::layout::Layout, next_id: u32) -> Self {
@@ -432,6 +454,7 @@ impl Builder {
         b.out.clone_from(&layout.instances);
         b.next_id = next_id;
         b.wall_ids.clone_from(&layout.wall_ids);
+        b.upper_ids.clone_from(&layout.upper_ids);
         b.ceiling = layout.ceiling;
         b.keep_out.clone_from(&layout.keep_out);
         let building = ["floor", "wall", "ceiling", "window", "door", "doorframe"];
@@ -452,6 +475,7 @@ impl Builder {
             instances,
             next_id: self.next_id,
             wall_ids: self.wall_ids,
+            upper_ids: self.upper_ids,
             ceiling: self.ceiling,
             keep_out: self.keep_out,
         }

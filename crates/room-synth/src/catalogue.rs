@@ -81,7 +81,7 @@ const fn kind(
     change: [f32; 3],
     albedo: f32,
 ) -> Kind {
-    Kind { label, shapes, spread: 0.25, floor: STAND, places, change, albedo }
+    Kind { label, shapes, spread: 0.3, floor: STAND, places, change, albedo }
 }
 
 const fn lying(mut k: Kind) -> Kind {
@@ -489,17 +489,20 @@ pub(crate) static KINDS: &[Kind] = &[
         [0.0, 0.0, 0.0],
         0.2,
     ),
-    kind(
-        "picture",
-        &[(Panel, [0.55, 0.035, 0.5]), (Panel, [0.4, 0.035, 0.6]), (Panel, [0.9, 0.04, 0.6])],
-        &[
-            (0.82, Place::Wall(1.35, 1.8, HANG)),
-            (0.08, Place::On(TOPS, STAND)),
-            (0.05, Place::In(BOARDS, Contact::StandingIn)),
-            (0.05, Place::Lean),
-        ],
-        [0.0, 0.019, 0.0],
-        0.5,
+    spread(
+        kind(
+            "picture",
+            &[(Panel, [0.55, 0.035, 0.5]), (Panel, [0.4, 0.05, 0.6]), (Panel, [1.0, 0.05, 0.85])],
+            &[
+                (0.82, Place::Wall(1.25, 1.8, HANG)),
+                (0.08, Place::On(TOPS, STAND)),
+                (0.05, Place::In(BOARDS, Contact::StandingIn)),
+                (0.05, Place::Lean),
+            ],
+            [0.0, 0.019, 0.0],
+            0.5,
+        ),
+        0.4,
     ),
     lying(kind(
         "pillow",

@@ -3,7 +3,7 @@
 use crate::builder::{Builder, FLOOR};
 use crate::catalogue;
 use crate::openings;
-use crate::plan::{Plan, facing};
+use crate::plan::{Plan, WallLine, facing};
 use crate::recipes::{CLUTTER, RECIPES, Recipe};
 use crate::relations::Contact;
 use crate::rng::Draw;
@@ -21,6 +21,7 @@ pub(crate) struct Layout {
     pub(crate) instances: Vec<Instance>,
     pub(crate) next_id: u32,
     pub(crate) wall_ids: Vec<u32>,
+    pub(crate) upper_ids: Vec<u32>,
     pub(crate) ceiling: Option<u32>,
     pub(crate) keep_out: Vec<Solid>,
 }
@@ -30,8 +31,8 @@ pub(crate) fn layout(seed: u64, split: Split, index: u64) -> Layout {
     let mut draw = Draw::new(seed, "room", &[split as u64, index]);
     let recipe = &RECIPES[draw.weighted(RECIPES.iter().map(|r| r.weight))];
     // Some rooms are nearly empty, some are crammed.
-    let richness = (0.42 * draw.normal() - 0.02).exp().clamp(0.3, 3.2);
-    let side = richness.powf(0.3);
+    let richness = (0.5 * draw.normal() - 0.02).exp().clamp(0.22, 3.6);
+    let side = 0.95 * richness.powf(0.3);
     let w = draw.range(recipe.sides[0], recipe.sides[1]) * side;
     let l = draw.range(recipe.sides[0], recipe.sides[1]) * side * draw.range(1.0, 1.45);
     let plan = Plan::draw(&mut draw, w.max(1.5), l.max(1.6), richness);
@@ -48,6 +49,7 @@ pub(crate) fn layout(seed: u64, split: Split, index: u64) -> Layout {
         wash_place(&mut b);
     }
     furnish(&mut b, recipe, richness);
+    shower_curtain(&mut b);
     b.finish(recipe.kind)
 }
 
@@ -61,6 +63,13 @@ fn shell(b: &mut Builder) {
         *id = b.next_id;
         b.next_id += 1;
     }
+    b.upper_ids = vec![0; b.wall_ids.len()];
+    for k in 0..b.upper_ids.len() {
+        if b.wall_ids[k] > 0 && b.plan.walls[k].cut.is_some() {
+            b.upper_ids[k] = b.next_id;
+            b.next_id += 1;
+        }
+    }
     let (mesh, size) = b.plan.slab(false);
     let Some(&first) = b.wall_ids.iter().find(|id| **id > 0) else { return };
     let supports = vec![Support { parent: first, contact: Contact::AttachedTo }];
@@ -73,33 +82,41 @@ fn shell(b: &mut Builder) {
     }
 }
 
-/// Walls with the holes that doors and windows made.
+/// Walls with the holes that doors and windows made, in one piece or two.
 fn walls(b: &mut Builder) {
-    let height = b.plan.height;
     for (k, line) in b.plan.walls.clone().iter().enumerate() {
         if line.open {
             continue;
         }
-        let size = [line.length(), line.thickness, height];
-        let middle = line.a + (line.b - line.a) / 2.0 - line.inward * (line.thickness / 2.0);
-        let geometry = Geometry::Built(Arc::new(line.mesh(height)), size);
-        let supports = vec![Support { parent: FLOOR, contact: Contact::AttachedTo }];
-        let albedo = b.draw.range(0.65, 0.95);
-        let next = b.next_id;
-        b.add("wall", geometry, facing(middle, line.inward, 0.0), supports, albedo);
-        b.next_id = next;
-        if let Some(i) = b.out.last_mut() {
-            i.id = b.wall_ids[k];
+        let (id, upper) = (b.wall_ids[k], b.upper_ids[k]);
+        let cut = if upper > 0 { line.cut } else { None }.unwrap_or(b.plan.height);
+        wall_piece(b, line, id, FLOOR, [0.0, cut]);
+        if upper > 0 {
+            wall_piece(b, line, upper, id, [cut, b.plan.height]);
         }
     }
     b.out.sort_by_key(|i| i.id);
+}
+
+fn wall_piece(b: &mut Builder, line: &WallLine, id: u32, parent: u32, [bottom, top]: [f32; 2]) {
+    let size = [line.length(), line.thickness, top - bottom];
+    let middle = line.a + (line.b - line.a) / 2.0 - line.inward * (line.thickness / 2.0);
+    let geometry = Geometry::Built(Arc::new(line.mesh(bottom, top)), size);
+    let supports = vec![Support { parent, contact: Contact::AttachedTo }];
+    let albedo = b.draw.range(0.65, 0.95);
+    let next = b.next_id;
+    b.add("wall", geometry, facing(middle, line.inward, bottom), supports, albedo);
+    b.next_id = next;
+    if let Some(i) = b.out.last_mut() {
+        i.id = id;
+    }
 }
 
 /// Kitchen cabinets in a row under a counter with a sink, wall cabinets above.
 fn kitchen_run(b: &mut Builder) {
     let Some(cabinet) = catalogue::find("cabinet") else { return };
     let lengths: Vec<f32> = b.plan.walls.iter().map(|w| if w.open { 0.0 } else { w.length() }).collect();
-    let k = b.draw.weighted(lengths.iter().map(|l| l * l));
+    let k = b.draw.weighted(lengths.iter().map(|l| (l - 1.2).max(0.01).powi(2)));
     let line = b.plan.walls[k].clone();
     if line.open || line.length() < 1.2 {
         return;
@@ -163,7 +180,7 @@ fn kitchen_run(b: &mut Builder) {
 /// The counter over a row of cabinets: a slab with a hole for the sink.
 fn counter(
     b: &mut Builder,
-    line: &crate::plan::WallLine,
+    line: &WallLine,
     bases: &[(u32, f32)],
     u0: f32,
     width: f32,
@@ -287,10 +304,36 @@ pub(crate) fn fixed(
     Some(id)
 }
 
+/// Along the open side of a bathtub or shower.
+fn shower_curtain(b: &mut Builder) {
+    let Some(host) = b.out.iter().find(|i| matches!(i.label, "bathtub" | "shower")) else { return };
+    let ([w, d, _], pose) = (host.size(), host.room_from_object);
+    if !b.draw.chance(0.6) {
+        return;
+    }
+    let mut shape = b.fresh(Family::Curtain, [w * 0.45, 0.12, 1.8], 0.25);
+    shape.size[0] = shape.size[0].min(w);
+    shape.size[2] = shape.size[2].min(b.plan.height - 0.3);
+    let x = (w - shape.size[0]) * if b.draw.chance(0.5) { 0.5 } else { -0.5 };
+    let z = b.plan.height - 0.15 - shape.size[2];
+    let hang = Translation3::new(x, d / 2.0 + 0.08, z);
+    let parent = b.wall_ids.iter().copied().find(|i| *i > 0).unwrap_or(FLOOR);
+    let contact = if b.draw.chance(0.6) { Contact::SupportedBy } else { Contact::HangingOn };
+    fixed(
+        b,
+        "shower curtain",
+        Geometry::Shape(shape),
+        pose * hang,
+        vec![Support { parent, contact }],
+        0.6,
+        &[],
+    );
+}
+
 /// What the recipe asks for, large things first, then clutter.
 fn furnish(b: &mut Builder, recipe: &Recipe, richness: f32) {
     for &(label, p, mean) in recipe.items {
-        if b.draw.chance((p * richness.powf(0.35)).min(0.98)) {
+        if b.draw.chance((p * richness.powf(0.7)).min(0.98)) {
             let extra = if mean > 1.0 { b.draw.poisson((mean - 1.0) * richness) } else { 0 };
             for _ in 0..=extra {
                 b.place(label);
@@ -298,7 +341,7 @@ fn furnish(b: &mut Builder, recipe: &Recipe, richness: f32) {
         }
     }
     for &(label, p, mean) in CLUTTER {
-        if b.draw.chance((p * richness.powf(0.5)).min(0.98)) {
+        if b.draw.chance((p * richness.powf(0.7)).min(0.98)) {
             let extra = b.draw.poisson((mean - 1.0).max(0.0) * richness);
             for _ in 0..=extra {
                 b.place(label);

@@ -28,6 +28,7 @@ mod mesh;
 mod openings;
 mod path;
 mod plan;
+mod real;
 mod recipes;
 mod relations;
 mod render;
@@ -38,7 +39,9 @@ mod sensor;
 pub mod shapes;
 mod space;
 mod split;
+pub mod stats;
 mod surface;
+pub mod tree;
 mod world;
 
 pub use mesh::Mesh;

@@ -35,8 +35,9 @@ fn count(b: &mut Builder, mean: f32) -> usize {
 /// Holes for doors; a person must be able to stand before them.
 pub(crate) fn doors(b: &mut Builder, mean: f32) {
     for _ in 0..count(b, mean) {
-        let [w, _, h] = b.fresh(Family::Door, [0.84, 0.1, 2.02], 0.07).size;
-        let h = h.min(b.plan.height - 0.1);
+        let [w, _, h] = b.fresh(Family::Door, [0.84, 0.1, 1.98], 0.2).size;
+        let w = if b.draw.chance(0.12) { 1.6 * w } else { w };
+        let h = (2.0 * (h / 1.98).sqrt()).min(b.plan.height - 0.08);
         if cut(b, w, 0.0, h).is_some()
             && let Some((pose, line_thick)) = last_hole(b, w)
         {
@@ -57,9 +58,11 @@ fn last_hole(b: &Builder, w: f32) -> Option<(Isometry3<f32>, f32)> {
 /// Holes for windows.
 pub(crate) fn windows(b: &mut Builder, mean: f32) {
     for _ in 0..count(b, mean) {
-        let [w, _, h] = b.fresh(Family::Window, [1.15, 0.1, 1.2], 0.25).size;
-        let low = b.draw.range(0.75, 1.05);
-        let high = (low + h).min(b.plan.height - 0.12);
+        let [w, _, h] = b.fresh(Family::Window, [1.1, 0.1, 1.15], 0.34).size;
+        // Some reach the floor.
+        let (low, h) =
+            if b.draw.chance(0.2) { (b.draw.range(0.02, 0.3), 2.1) } else { (b.draw.range(0.7, 1.15), h) };
+        let high = (low + h).min(b.plan.height - b.draw.range(0.05, 0.3));
         cut(b, w, low, high);
     }
 }
@@ -104,11 +107,11 @@ fn door(b: &mut Builder, k: usize, [from, to, _, high]: [f32; 4]) {
     if !b.draw.chance(0.94) {
         return; // A passage.
     }
-    let size = [to - from - 2.0 * bar - 0.01, 0.05, high - bar - 0.01];
-    let mut shape = b.fresh(Family::Door, size, 0.0);
+    let mut shape = b.fresh(Family::Door, [1.0, 0.06, 1.0], 0.3);
+    let size = [to - from - 2.0 * bar - 0.01, shape.size[1], high - bar - 0.01];
     shape.size = size;
     let closed = line.pose(middle, -0.06, size[1], 0.005);
-    let pose = if b.draw.chance(0.35) { swing(b, &closed, size[0]) } else { closed };
+    let pose = if b.draw.chance(0.45) { swing(b, &closed, size[0]) } else { closed };
     b.add("door", Geometry::Shape(shape), pose, vec![parent], 0.7);
 }
 
@@ -126,17 +129,17 @@ pub(crate) fn swung(closed: &Isometry3<f32>, width: f32, angle: f32, left: bool)
 }
 
 fn window(b: &mut Builder, k: usize, [from, to, low, high]: [f32; 4]) {
-    let (line, wall) = (b.plan.walls[k].clone(), b.wall_ids[k]);
+    let (line, wall) = (b.plan.walls[k].clone(), b.wall_at(k, (low + high) / 2.0));
     let middle = (from + to) / 2.0;
     let (w, h) = (to - from, high - low);
     let mut shape = b.fresh(Family::Window, [w, 0.08, h], 0.0);
-    shape.size = [w, line.thickness.min(b.draw.range(0.06, 0.12)), h];
+    shape.size = [w, line.thickness.min(b.draw.range(0.04, 0.16)), h];
     let depth = shape.size[1];
     let contact = if b.draw.chance(0.85) { Contact::AttachedTo } else { Contact::SupportedBy };
     let back = line.thickness.min(depth + b.draw.range(0.0, 0.08));
     let pose = line.pose(middle, -back, depth, low);
     let id = b.add("window", Geometry::Shape(shape), pose, vec![Support { parent: wall, contact }], 0.35);
-    if b.draw.chance(0.33) {
+    if low > 0.5 && b.draw.chance(0.36) {
         let mut sill = b.fresh(Family::Sill, [w + 0.1, 0.24, 0.04], 0.2);
         sill.size[0] = w + 0.1;
         let d = sill.size[1];
@@ -152,7 +155,7 @@ fn window(b: &mut Builder, k: usize, [from, to, low, high]: [f32; 4]) {
         );
     }
     cover(b, k, id, [from, to, low, high]);
-    if b.draw.chance(0.5) {
+    if low > 0.5 && b.draw.chance(0.42) {
         heater(b, k, middle, low);
     }
 }
@@ -191,10 +194,10 @@ fn heater(b: &mut Builder, k: usize, u: f32, below: f32) {
 
 /// Curtains or blinds. What is quite hidden is not annotated.
 fn cover(b: &mut Builder, k: usize, window: u32, [from, to, low, high]: [f32; 4]) {
-    let (line, wall) = (b.plan.walls[k].clone(), b.wall_ids[k]);
+    let (line, wall) = (b.plan.walls[k].clone(), b.wall_at(k, high));
     let w = to - from;
     let hang = vec![Support { parent: wall, contact: Contact::HangingOn }];
-    match b.draw.weighted([0.44, 0.16, 0.1, 0.3].into_iter()) {
+    match b.draw.weighted([0.36, 0.14, 0.16, 0.34].into_iter()) {
         0 => {
             let top = (high + b.draw.range(0.05, 0.25)).min(b.plan.height - 0.02);
             let bottom = if b.draw.chance(0.6) { b.draw.range(0.02, 0.12) } else { low - 0.1 };

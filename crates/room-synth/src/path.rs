@@ -1,7 +1,9 @@
 //! Hand-held camera paths: walking through the free part of a room, looking round.
 
+use crate::mesh::Mesh;
 use crate::rng::Draw;
 use crate::room::{Room, Scan};
+use crate::space::Obstacles;
 use nalgebra::{
     Isometry3, Matrix3, Point2, Point3, Rotation3, Translation3, UnitQuaternion, Vector2, Vector3,
 };
@@ -147,6 +149,7 @@ pub(crate) fn path(room: &Room, scan: &Scan, draw: &mut Draw, mean_frames: f32) 
         (mean_frames + spread * draw.normal()).clamp(mean_frames * 0.45, mean_frames * 1.9).round() as usize;
     let speed = draw.range(0.2, 0.4);
     let grid = Grid::new(room, scan);
+    let obstacles = obstacles(scan);
     let (cx, cy) = middle(&room.floor);
     let points = walk(&grid, draw, n as f32 / RATE * speed + 0.5, Point2::new(cx, cy));
     let radius = room.floor.iter().fold(1.0_f32, |a, r| a.max(r[2] - cx).max(r[3] - cy));
@@ -164,11 +167,25 @@ pub(crate) fn path(room: &Room, scan: &Scan, draw: &mut Draw, mean_frames: f32) 
         let t = k as f32 / RATE;
         let bob = 0.03 * (t * 2.1).sin();
         let eye = Point3::new(position.x, position.y, height + bob + 0.1 * (t * 0.23).sin());
-        let (theta, aim) = look.step(draw);
-        let target = Point3::new(cx + radius * theta.cos(), cy + radius * theta.sin(), aim);
+        let at =
+            |theta: f32, aim: f32| Point3::new(cx + radius * theta.cos(), cy + radius * theta.sin(), aim);
+        let (theta, aim) = look.step(draw, |theta| {
+            let along = (at(theta, eye.z - 0.3) - eye).normalize();
+            obstacles.cast(&eye, &along, 5.0).unwrap_or(f32::INFINITY)
+        });
+        let target = at(theta, aim);
         out.push(camera(&eye, &target, look.roll));
     }
     out
+}
+
+/// All that stops the gaze, in the layout frame.
+fn obstacles(scan: &Scan) -> Obstacles {
+    let mut all = Mesh::default();
+    for i in &scan.instances {
+        all.append(&i.mesh().transformed(&i.room_from_object));
+    }
+    Obstacles::new(&all)
 }
 
 fn middle(floor: &[[f32; 4]]) -> (f32, f32) {
@@ -188,34 +205,42 @@ struct Look {
     aim: f32,
     goal_aim: f32,
     roll: f32,
+    /// The gaze stays within `reach` of `middle`: some visits leave a part of the room out.
+    middle: f32,
+    reach: f32,
 }
 
 impl Look {
     fn new(draw: &mut Draw) -> Self {
         let rate = draw.range(0.25, 0.5) * if draw.chance(0.5) { 1.0 } else { -1.0 };
-        Self {
-            theta: draw.range(0.0, std::f32::consts::TAU),
-            rate,
-            goal_rate: rate,
-            aim: 0.7,
-            goal_aim: 0.7,
-            roll: 0.0,
-        }
+        let middle = draw.range(0.0, std::f32::consts::TAU);
+        let reach = draw.range(1.7, 5.0);
+        Self { theta: middle, rate, goal_rate: rate, aim: 0.7, goal_aim: 0.7, roll: 0.0, middle, reach }
     }
 
     /// Angle about the middle of the room, and height of the point looked at.
-    fn step(&mut self, draw: &mut Draw) -> (f32, f32) {
+    fn step(&mut self, draw: &mut Draw, distance: impl Fn(f32) -> f32) -> (f32, f32) {
         if draw.chance(0.04) {
             let sign = if draw.chance(0.75) { self.goal_rate.signum() } else { -self.goal_rate.signum() };
             self.goal_rate = sign * draw.range(0.15, 0.6);
         }
         if draw.chance(0.08) {
-            self.goal_aim = draw.range(-0.4, 1.9);
+            self.goal_aim = draw.range(-0.5, 1.7);
+        }
+        // Nobody films the wall before his nose, or nothing at all: the gaze hurries over it.
+        let hurry = match distance(self.theta) {
+            d if d < 1.0 => 2.4,
+            d if d > 4.8 => 3.0,
+            _ => 1.0,
+        };
+        if (self.theta - self.middle).abs() > self.reach && (self.theta - self.middle) * self.goal_rate > 0.0
+        {
+            self.goal_rate = -self.goal_rate;
         }
         self.rate += 0.15 * (self.goal_rate - self.rate);
         self.aim += 0.12 * (self.goal_aim - self.aim);
         self.roll = 0.97 * self.roll + 0.008 * draw.normal();
-        self.theta += self.rate / RATE;
+        self.theta += self.rate * hurry / RATE;
         (self.theta, self.aim)
     }
 }

@@ -15,6 +15,8 @@ pub(crate) struct WallLine {
     /// No wall stands here: the room goes on.
     pub(crate) open: bool,
     pub(crate) thickness: f32,
+    /// Height at which one piece of the wall ends and another begins.
+    pub(crate) cut: Option<f32>,
 }
 
 impl WallLine {
@@ -33,8 +35,8 @@ impl WallLine {
         facing(p, self.inward, z)
     }
 
-    /// The wall as a mesh about its middle, front at +y.
-    pub(crate) fn mesh(&self, height: f32) -> Mesh {
+    /// The wall between two heights as a mesh about its middle, front at +y, `bottom` at 0.
+    pub(crate) fn mesh(&self, bottom: f32, top: f32) -> Mesh {
         let mut m = Mesh::default();
         let (l, y, back) = (self.length(), self.thickness / 2.0, -self.thickness / 2.0);
         // Seen from the room, x grows to the left: local x = inward turned by -90 degrees.
@@ -51,20 +53,26 @@ impl WallLine {
         holes.sort_by(|a, b| a[0].total_cmp(&b[0]));
         let mut at = 0.0;
         for h in &holes {
-            face(at, h[0], 0.0, height);
-            face(h[0], h[1], 0.0, h[2]);
-            face(h[0], h[1], h[3], height);
+            face(at, h[0], bottom, top);
+            face(h[0], h[1], bottom, h[2].min(top));
+            face(h[0], h[1], h[3].max(bottom), top);
             at = h[1];
         }
-        face(at, l, 0.0, height);
-        for h in &holes {
+        face(at, l, bottom, top);
+        for h in holes.iter().filter(|h| h[2] < top && h[3] > bottom) {
+            let h = [h[0], h[1], h[2].max(bottom), h[3].min(top)];
             let (p, q) = (x(h[0]).min(x(h[1])), x(h[0]).max(x(h[1])));
             m.quad([[p, y, h[2]], [p, y, h[3]], [p, back, h[3]], [p, back, h[2]]]);
             m.quad([[q, back, h[2]], [q, back, h[3]], [q, y, h[3]], [q, y, h[2]]]);
-            m.quad([[p, y, h[3]], [q, y, h[3]], [q, back, h[3]], [p, back, h[3]]]);
-            if h[2] > 0.0 {
+            if h[3] < top {
+                m.quad([[p, y, h[3]], [q, y, h[3]], [q, back, h[3]], [p, back, h[3]]]);
+            }
+            if h[2] > bottom {
                 m.quad([[p, back, h[2]], [q, back, h[2]], [q, y, h[2]], [p, y, h[2]]]);
             }
+        }
+        for p in &mut m.points {
+            p.z -= bottom;
         }
         m
     }
@@ -96,7 +104,7 @@ impl Plan {
         }
         let (x, y) = (w / 2.0, l / 2.0);
         let height = draw.range(2.25, 2.75);
-        let corner = w.min(l) > 2.4 && draw.chance(0.3 * richness.min(1.6));
+        let corner = w.min(l) > 2.4 && draw.chance(0.2 * richness.min(1.6));
         let (rects, corners) = if corner {
             let (nx, ny) = (w * draw.range(0.25, 0.45), l * draw.range(0.25, 0.45));
             let (cx, cy) = (x - nx, y - ny);
@@ -113,17 +121,20 @@ impl Plan {
             let (a, b) = (Point2::new(c[0], c[1]), Point2::new(d[0], d[1]));
             let along = (b - a).normalize();
             let inward = Vector2::new(-along.y, along.x);
-            let thickness = draw.range(0.1, 0.22);
-            let line = |a, b| WallLine { a, b, inward, holes: Vec::new(), open: false, thickness };
+            let thickness = 0.05 + 0.3 * draw.unit() * draw.unit();
+            let cut = draw
+                .chance(0.17)
+                .then(|| if draw.chance(0.5) { draw.range(0.8, 1.5) } else { draw.range(1.5, 2.1) });
+            let line = |a, b| WallLine { a, b, inward, holes: Vec::new(), open: false, thickness, cut };
             let length = (b - a).norm();
-            if length > 2.2 && draw.chance(0.09 * richness) {
-                let cut = a + along * (length * draw.range(0.3, 0.7));
+            if length > 1.8 && draw.chance((0.1 * richness).min(0.5)) {
+                let cut = a + along * (length * draw.range(0.12, 0.88));
                 walls.extend([line(a, cut), line(cut, b)]);
             } else {
                 walls.push(line(a, b));
             }
         }
-        let open = draw.weighted([0.62, 0.28, 0.10].into_iter());
+        let open = draw.weighted([0.42, 0.36, 0.22].into_iter());
         for _ in 0..open {
             let k = draw.below(walls.len());
             walls[k].open = true;
@@ -155,9 +166,5 @@ impl Plan {
         let x = self.rects.iter().fold((0.0_f32, 0.0_f32), |a, r| (a.0.min(r[0]), a.1.max(r[2])));
         let y = self.rects.iter().fold((0.0_f32, 0.0_f32), |a, r| (a.0.min(r[1]), a.1.max(r[3])));
         (m, [x.1 - x.0, y.1 - y.0, 0.02])
-    }
-
-    pub(crate) fn area(&self) -> f32 {
-        self.rects.iter().map(|r| (r[2] - r[0]) * (r[3] - r[1])).sum()
     }
 }

@@ -103,8 +103,8 @@ fn relation(subject: u32, object: u32, predicate: &str) -> Relation {
 
 /// Walls, floors, ceilings: too large to be left or right of anything.
 fn is_building(i: &Instance) -> bool {
-    let [w, d, h] = i.size();
-    matches!(i.geometry, Geometry::Built(..)) && (h > 1.8 || w * d > 3.0)
+    let joined = i.supports.first().is_none_or(|s| s.contact == Contact::AttachedTo);
+    matches!(i.geometry, Geometry::Built(..)) && joined
 }
 
 /// Share of the supports of a kind that annotators wrote down.
@@ -114,7 +114,7 @@ fn support_rate(i: &Instance, contact: Contact) -> f32 {
     match contact {
         Contact::StandingOn | Contact::LyingOn if large => 0.93,
         Contact::StandingOn => 0.72,
-        Contact::LyingOn => 0.62,
+        Contact::LyingOn => 0.75,
         Contact::HangingOn => 0.62,
         Contact::AttachedTo if h > 1.8 => 0.96,
         Contact::AttachedTo => 0.75,
@@ -148,7 +148,7 @@ fn pair(a: &(&Instance, Solid), b: &(&Instance, Solid), seed: u64, out: &mut Vec
         out.extend([relation(i.id, j.id, p), relation(j.id, i.id, q)]);
     };
     let alike = family(i).is_some() && family(i) == family(j);
-    if i.model == j.model && kept(seed, i.id ^ 0x4000, j.id ^ 0x4000, 0.62) {
+    if i.model == j.model && kept(seed, i.id ^ 0x4000, j.id ^ 0x4000, 0.58) {
         both(out, "same as");
     }
     let linked = i.supports.iter().any(|s| s.parent == j.id) || j.supports.iter().any(|s| s.parent == i.id);
@@ -164,30 +164,30 @@ fn pair(a: &(&Instance, Solid), b: &(&Instance, Solid), seed: u64, out: &mut Vec
         && i.model != j.model
         && i.symmetry > 0
         && i.symmetry == j.symmetry
-        && kept(seed, i.id ^ 0x8000, j.id ^ 0x8000, 0.5)
+        && kept(seed, i.id ^ 0x8000, j.id ^ 0x8000, 0.07)
     {
         both(out, "same symmetry as");
     }
     let closeness = 1.0 - gap / CLOSE;
-    if closeness > 0.0 && kept(seed, i.id, j.id, 0.62 * (0.4 + 0.6 * closeness)) {
+    if closeness > 0.0 && kept(seed, i.id, j.id, 0.36 * (0.4 + 0.6 * closeness)) {
         both(out, "close by");
     }
     let [vi, vj] = [volume(i), volume(j)];
     let tops = [i, j].map(|k| k.room_from_object.translation.z + k.size()[2]);
-    let similar = if vi.max(vj) < 8.0 * vi.min(vj) { 0.62 } else { 0.28 };
-    if kept(seed, i.id ^ 0x1000, j.id ^ 0x1000, if alike { 0.95 } else { similar }) {
+    let similar = if vi.max(vj) < 8.0 * vi.min(vj) { 0.4 } else { 0.17 };
+    if kept(seed, i.id ^ 0x1000, j.id ^ 0x1000, if alike { 0.72 } else { similar }) {
         let (dx, dy) = (offset.x.abs(), offset.y.abs());
         if dx > 0.45 * dy && dx > 0.1 {
             oriented(out, offset.x > 0.0, "left", "right");
         }
-        if dy > 1.1 * dx && dy > 0.1 {
+        if dy > 1.6 * dx && dy > 0.1 {
             oriented(out, offset.y > 0.0, "front", "behind");
         }
     }
-    if alike && (tops[0] - tops[1]).abs() > HIGHER {
+    if alike && (tops[0] - tops[1]).abs() > HIGHER && kept(seed, i.id ^ 0x800, j.id ^ 0x800, 0.8) {
         oriented(out, tops[0] > tops[1], "higher than", "lower than");
     }
-    if alike && vi.max(vj) > BIGGER * vi.min(vj) && kept(seed, i.id ^ 0x2000, j.id ^ 0x2000, 0.6) {
+    if alike && vi.max(vj) > BIGGER * vi.min(vj) && kept(seed, i.id ^ 0x2000, j.id ^ 0x2000, 0.45) {
         oriented(out, vi > vj, "bigger than", "smaller than");
     }
 }

@@ -144,7 +144,7 @@ fn remove(b: &mut Builder) -> Vec<u32> {
 }
 
 /// Removal only takes what carries nothing, so the rate of the others is a little higher.
-const REMOVE_SCALE: f32 = 1.1;
+const REMOVE_SCALE: f32 = 1.5;
 /// Some moves find no free place.
 const MOVE_SCALE: f32 = 1.08;
 
@@ -189,7 +189,7 @@ fn shift(b: &mut Builder, i: &Instance) {
         }
         let wide = if angle.abs() < 0.0873 { 1.0 } else { 2.2 };
         let far =
-            (0.088 * wide * (0.95 * b.draw.normal()).exp()).min(2.5) * if attempt > 12 { 0.5 } else { 1.0 };
+            (0.112 * wide * (0.95 * b.draw.normal()).exp()).min(2.5) * if attempt > 12 { 0.5 } else { 1.0 };
         let way = b.draw.range(0.0, std::f32::consts::TAU);
         let t = old.translation.vector + Vector3::new(far * way.cos(), far * way.sin(), 0.0);
         let pose = Isometry3::from_parts(
@@ -255,7 +255,7 @@ fn deform(b: &mut Builder) -> Vec<u32> {
     let mut out = Vec::new();
     for k in 0..b.out.len() {
         let rate = rates(&b.out[k])[2];
-        if rate > 0.0 && b.draw.chance(rate) {
+        if rate > 0.0 && b.draw.chance((1.6 * rate).min(0.7)) {
             let detail = b.draw.word();
             let narrower = b.draw.range(0.6, 1.0);
             let i = &mut b.out[k];
@@ -279,7 +279,7 @@ fn deform(b: &mut Builder) -> Vec<u32> {
 }
 
 fn newcomers(b: &mut Builder) {
-    let mean = [0.6, 2.6, 6.0][b.draw.weighted([0.55, 0.37, 0.08].into_iter())];
+    let mean = [0.7, 3.2, 7.5][b.draw.weighted([0.55, 0.37, 0.08].into_iter())];
     for _ in 0..b.draw.poisson(mean) {
         let label = NEWCOMERS[b.draw.weighted(NEWCOMERS.iter().map(|n| n.1))].0;
         b.place(label);
@@ -288,7 +288,7 @@ fn newcomers(b: &mut Builder) {
 
 /// A rescan covers less: one side of the room is not annotated, though it is there.
 fn overlook(b: &mut Builder, known: &BTreeMap<u32, Isometry3<f32>>) {
-    let share = 0.72 * b.draw.unit().powf(2.3);
+    let share = 0.8 * b.draw.unit().powf(2.3);
     let way = b.draw.range(0.0, std::f32::consts::TAU);
     let mut order: Vec<(f32, usize)> = (0..b.out.len())
         .filter(|&k| b.out[k].id != FLOOR && known.contains_key(&b.out[k].id))
@@ -313,7 +313,7 @@ pub(crate) fn ambiguity(reference: &Scan) -> Vec<Vec<AmbiguousPair>> {
     let frame = reference.scan_from_room;
     groups
         .values()
-        .filter(|g| g.len() > 1 && g[0].size()[2] > 0.35)
+        .filter(|g| g.len() > 1 && g[0].size()[2] > 0.35 && g[0].model % 8 < 6)
         .map(|g| {
             let source = g[0];
             g[1..]

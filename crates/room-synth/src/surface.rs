@@ -2,9 +2,9 @@
 
 use crate::mesh::{Mesh, normal};
 use crate::rng::Draw;
-use crate::room::Scan;
+use crate::room::{Room, Scan};
 use crate::space::Obstacles;
-use nalgebra::Point3;
+use nalgebra::{Isometry3, Point3};
 use scan3r::Annotation;
 
 /// Mean distance between neighbouring points, metres.
@@ -13,7 +13,10 @@ pub const SPACING: f32 = 0.028;
 const HIDDEN: f32 = 0.035;
 
 /// Points on the annotated instances of a scan, in its own frame.
-pub(crate) fn annotate(scan: &Scan, seed: u64) -> Annotation {
+pub(crate) fn annotate(room: &Room, scan: &Scan) -> Annotation {
+    let seed = room.seed;
+    let room_from_scan: Isometry3<f32> = scan.scan_from_room.inverse().cast();
+    let outside = |p: &Point3<f32>| beyond(&room.floor, &(room_from_scan * p));
     let meshes: Vec<Mesh> = scan.instances.iter().map(|i| scan.mesh(i)).collect();
     let mut all = Mesh::default();
     for m in &meshes {
@@ -28,7 +31,7 @@ pub(crate) fn annotate(scan: &Scan, seed: u64) -> Annotation {
         out.labels.insert(i.id, i.label.to_owned());
         let mut draw = Draw::new(seed, "surface", &[u64::from(i.id)]);
         let from = out.points.len();
-        sample(mesh, &mut draw, &obstacles, &mut out.points);
+        sample(mesh, &mut draw, &obstacles, &outside, &mut out.points);
         out.instances.resize(out.points.len(), i.id);
         debug_assert!(out.points.len() >= from);
     }
@@ -36,7 +39,13 @@ pub(crate) fn annotate(scan: &Scan, seed: u64) -> Annotation {
 }
 
 /// Points on the triangles of a mesh that are not hidden by what stands before them.
-fn sample(mesh: &Mesh, draw: &mut Draw, obstacles: &Obstacles, out: &mut Vec<Point3<f32>>) {
+fn sample(
+    mesh: &Mesh,
+    draw: &mut Draw,
+    obstacles: &Obstacles,
+    outside: &dyn Fn(&Point3<f32>) -> f32,
+    out: &mut Vec<Point3<f32>>,
+) {
     for &t in &mesh.triangles {
         let c = mesh.corners(t);
         let n = normal(&c);
@@ -53,9 +62,20 @@ fn sample(mesh: &Mesh, draw: &mut Draw, obstacles: &Obstacles, out: &mut Vec<Poi
                 (a, b) = (1.0 - a, 1.0 - b);
             }
             let p = c[0] + (c[1] - c[0]) * a + (c[2] - c[0]) * b;
-            if obstacles.cast(&(p + n * 0.002), &n, HIDDEN).is_none() {
+            // Seen from the room, what faces away from it behind a wall is hidden.
+            let away = outside(&p) > 0.0 && outside(&(p + n * 0.05)) > outside(&p) + 0.03;
+            if !away && obstacles.cast(&(p + n * 0.002), &n, HIDDEN).is_none() {
                 out.push(p);
             }
         }
     }
+}
+
+/// How far a point is outside the floor plan, metres; 0 inside.
+fn beyond(floor: &[[f32; 4]], p: &Point3<f32>) -> f32 {
+    let to = |r: &[f32; 4]| {
+        let (x, y) = ((r[0] - p.x).max(p.x - r[2]).max(0.0), (r[1] - p.y).max(p.y - r[3]).max(0.0));
+        x.hypot(y)
+    };
+    floor.iter().map(to).fold(f32::INFINITY, f32::min)
 }

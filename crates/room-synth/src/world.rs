@@ -229,7 +229,7 @@ impl Dataset for World {
 
     fn annotation(&self, scan: &str) -> Result<Annotation, Error> {
         let (room, scan) = self.scan(scan)?;
-        Ok(annotate(scan, room.seed))
+        Ok(annotate(room, scan))
     }
 
     fn relations(&self, scan: &str) -> Result<Vec<Relation>, Error> {
