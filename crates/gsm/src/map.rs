@@ -209,6 +209,11 @@ impl Map {
         (self.frame.width, self.frame.label.iter().map(slot).map(id).collect())
     }
 
+    /// Regions of the last integrated frame (1.., 0 = none), like [`frame_segments`](Self::frame_segments).
+    pub fn frame_regions(&self) -> (usize, &[u32]) {
+        (self.frame.width, &self.frame.label)
+    }
+
     /// Edge pixels of the last integrated frame, like [`frame_segments`](Self::frame_segments).
     pub fn frame_edges(&self) -> (usize, Vec<bool>) {
         (self.frame.width, self.frame.edge.iter().map(|&e| e != 0).collect())

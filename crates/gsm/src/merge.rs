@@ -61,6 +61,8 @@ impl Merges {
         for run in votes.contacts.chunk_by(|a, b| a.pair == b.pair) {
             let pair = run[0].pair;
             let joined = run.iter().filter(|c| c.joined).count() as f32;
+            // A border that lies beside the frame's own one joins pixels, but not segments.
+            let joined = joined * votes.together(pair.0, pair.1, now);
             let apart = run.len() as f32 - joined;
             let smaller = votes.pixels_of(pair.0, now).min(votes.pixels_of(pair.1, now));
             let e = self.pairs.entry(pair).or_default();

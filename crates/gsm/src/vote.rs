@@ -144,6 +144,18 @@ impl Votes {
         self.contacts.sort_unstable();
     }
 
+    /// How far two slots seen in frame `now` are in one region: the sum over regions of the smaller of the shares of
+    /// the two that lie in it, 0 to 1.
+    pub(crate) fn together(&self, a: u32, b: u32, now: u32) -> f32 {
+        let (na, nb) = (self.pixels_of(a, now), self.pixels_of(b, now));
+        if na == 0 || nb == 0 {
+            return 0.0;
+        }
+        let (a, b) = (self.column[a as usize] as usize, self.column[b as usize] as usize);
+        let share = |row: &[u32]| (row[a] as f32 / na as f32).min(row[b] as f32 / nb as f32);
+        self.table.chunks_exact(self.seen.len()).skip(1).map(share).sum()
+    }
+
     /// Pixels of a slot seen in frame `now`.
     pub(crate) fn pixels_of(&self, slot: u32, now: u32) -> u32 {
         let slot = slot as usize;
