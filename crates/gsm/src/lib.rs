@@ -44,6 +44,7 @@ mod params;
 mod segment;
 mod segments;
 mod shrink;
+mod split;
 mod surfels;
 mod visibility;
 mod vote;

@@ -7,6 +7,7 @@ use crate::frame::Frame;
 use crate::merge::Merges;
 use crate::segment::{Segment, Surfel};
 use crate::segments::Segments;
+use crate::split::Splits;
 use crate::surfels::Surfels;
 use crate::visibility::Visibility;
 use crate::vote::Votes;
@@ -52,6 +53,7 @@ pub struct Map {
     association: Association,
     votes: Votes,
     merges: Merges,
+    splits: Splits,
     visible: Vec<u32>,
     /// Frames integrated.
     now: u32,
@@ -76,6 +78,7 @@ impl Map {
             association: Association::default(),
             votes: Votes::default(),
             merges: Merges::default(),
+            splits: Splits::default(),
             visible: Vec::new(),
             now: 0,
             last_centre: None,
@@ -132,10 +135,11 @@ impl Map {
             now,
             &mut report.events,
         );
+        let (surfels, segments) = (&mut self.surfels, &mut self.segments);
+        self.splits.run(frame, association, &mut self.votes, surfels, segments, now, &mut report.events);
         done(Stage::Vote);
 
         // The map learns the frame.
-        let (surfels, segments) = (&mut self.surfels, &mut self.segments);
         fuse::fuse(frame, &pose, association, &self.votes, surfels, segments, &self.params, now);
         fuse::create(
             frame,

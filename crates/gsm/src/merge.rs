@@ -26,11 +26,11 @@ pub(crate) struct Merges {
 }
 
 /// Kept of the evidence from one contact frame to the next.
-const DECAY: f32 = 0.93;
+const DECAY: f32 = 0.96;
 /// Pairs that did not touch for so many frames are forgotten.
 const FORGET: u32 = 100;
 /// Contact frames before a merge.
-const PATIENCE: u32 = 4;
+const PATIENCE: u32 = 8;
 
 impl Merges {
     /// Adds the contacts of a frame, then merges every pair whose evidence suffices.

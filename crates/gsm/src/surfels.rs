@@ -21,6 +21,8 @@ pub(crate) struct Cold {
     pub(crate) counted: [i32; 3],
     /// Place in the segment's member list.
     pub(crate) place: u32,
+    /// Tag of a part that may be split off, 0 = none.
+    pub(crate) tag: u32,
     pub(crate) label_confidence: i16,
     pub(crate) stable: bool,
 }

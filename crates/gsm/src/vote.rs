@@ -23,6 +23,8 @@ pub(crate) struct Votes {
     pub(crate) segment_of: Vec<u32>,
     /// Pixel contacts between segments.
     pub(crate) contacts: Vec<Contact>,
+    /// Touching pixels of two regions that are one segment, as sorted pairs of regions.
+    pub(crate) seams: Vec<(u32, u32)>,
     /// Slots seen in this frame and the pixels of each.
     pub(crate) seen: Vec<u32>,
     pub(crate) pixels: Vec<u32>,
@@ -122,6 +124,7 @@ impl Votes {
 
     fn touch(&mut self, frame: &Frame) {
         self.contacts.clear();
+        self.seams.clear();
         let w = frame.width;
         for i in 0..self.segment.len() {
             let a = self.segment[i];
@@ -134,6 +137,12 @@ impl Votes {
                 }
                 let b = self.segment[j];
                 let (la, lb) = (frame.label[i], frame.label[j]);
+                if a == b && la != lb && la != 0 && lb != 0 {
+                    let (sa, sb) = (self.segment_of[la as usize], self.segment_of[lb as usize]);
+                    if sa == a && sb == a {
+                        self.seams.push((la.min(lb), la.max(lb)));
+                    }
+                }
                 if b == 0 || a == b || la == 0 || lb == 0 {
                     continue;
                 }
@@ -142,6 +151,7 @@ impl Votes {
             }
         }
         self.contacts.sort_unstable();
+        self.seams.sort_unstable();
     }
 
     /// How far two slots seen in frame `now` are in one region: the sum over regions of the smaller of the shares of
