@@ -26,6 +26,7 @@
 
 mod associate;
 mod bricks;
+mod store;
 mod camera;
 mod components;
 mod edges;

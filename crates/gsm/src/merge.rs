@@ -3,6 +3,7 @@
 use crate::Params;
 use crate::event::SegmentEvent;
 use crate::segments::Segments;
+use crate::store::{Step, Store};
 use crate::surfels::Surfels;
 use crate::vote::Votes;
 use std::collections::BTreeMap;
@@ -36,14 +37,14 @@ impl Merges {
     /// Adds the contacts of a frame, then merges every pair whose evidence suffices.
     pub(crate) fn run(
         &mut self,
+        step: Step<'_>,
         votes: &Votes,
-        surfels: &mut Surfels,
-        segments: &mut Segments,
-        params: &Params,
-        now: u32,
+        store: &mut Store,
         events: &mut Vec<SegmentEvent>,
     ) {
-        self.gather(votes, params, now);
+        let now = step.now;
+        let Store { surfels, segments, .. } = store;
+        self.gather(votes, step.params, now);
         let mut ripe = std::mem::take(&mut self.ripe);
         for &(a, b) in &ripe {
             if segments.is_open(a) && segments.is_open(b) {

@@ -7,7 +7,7 @@
 use crate::associate::Association;
 use crate::event::SegmentEvent;
 use crate::frame::Frame;
-use crate::segments::Segments;
+use crate::store::{Step, Store};
 use crate::surfels::Surfels;
 use crate::vote::Votes;
 use std::collections::BTreeMap;
@@ -46,30 +46,29 @@ impl Splits {
     /// Follows the tags through a frame; splits off what is ripe and gives its region the new segment.
     pub(crate) fn run(
         &mut self,
-        frame: &Frame,
+        step: Step<'_>,
         association: &Association,
         votes: &mut Votes,
-        surfels: &mut Surfels,
-        segments: &mut Segments,
-        now: u32,
+        store: &mut Store,
         events: &mut Vec<SegmentEvent>,
     ) {
+        let Step { frame, now, .. } = step;
         let candidates = candidates(frame, votes);
         if candidates.is_empty() && self.tags.is_empty() {
             return;
         }
-        self.count(frame, association, votes, surfels);
+        self.count(frame, association, votes, &store.surfels);
         let mut given = vec![0u32; votes.segment_of.len()];
         for &region in &candidates {
             given[region as usize] = self.confirm(region, now);
         }
         self.contradict(&given);
-        self.paint(frame, association, votes, surfels, &given);
+        self.paint(frame, association, votes, &mut store.surfels, &given);
         for &region in &candidates {
             let tag = given[region as usize];
             if self.tags.get(&tag).is_some_and(|t| t.score >= SCORE) {
                 self.tags.remove(&tag);
-                split(votes, surfels, segments, region, tag, now, events);
+                split(votes, store, region, tag, now, events);
             }
         }
         if now.is_multiple_of(FORGET) {
@@ -189,13 +188,13 @@ fn candidates(frame: &Frame, votes: &Votes) -> Vec<u32> {
 
 fn split(
     votes: &mut Votes,
-    surfels: &mut Surfels,
-    segments: &mut Segments,
+    store: &mut Store,
     region: u32,
     tag: u32,
     now: u32,
     events: &mut Vec<SegmentEvent>,
 ) {
+    let Store { surfels, segments, .. } = store;
     let old = votes.segment_of[region as usize];
     let parts: Vec<u32> = segments.slots[old as usize - 1]
         .members

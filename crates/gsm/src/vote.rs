@@ -5,6 +5,7 @@ use crate::associate::Association;
 use crate::event::SegmentEvent;
 use crate::frame::{DOWN, Frame, RIGHT};
 use crate::segments::Segments;
+use crate::store::{Step, Store};
 use crate::surfels::Surfels;
 
 /// A pair of neighbouring pixels on two segments.
@@ -38,18 +39,16 @@ pub(crate) struct Votes {
 
 impl Votes {
     /// Counts votes, resolves regions to segments (opening new ones at first sight) and gathers contacts.
-    #[allow(clippy::too_many_arguments)]
     pub(crate) fn run(
         &mut self,
-        frame: &Frame,
+        step: Step<'_>,
         association: &Association,
-        surfels: &Surfels,
-        segments: &mut Segments,
-        params: &Params,
-        now: u32,
+        store: &mut Store,
         events: &mut Vec<SegmentEvent>,
     ) {
-        self.see(association, surfels, segments, now);
+        let Step { frame, params, now, .. } = step;
+        let segments = &mut store.segments;
+        self.see(association, &store.surfels, segments, now);
         let columns = self.seen.len();
         let regions = frame.region_size.len();
         self.table.clear();
