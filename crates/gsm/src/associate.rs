@@ -67,7 +67,7 @@ pub(crate) struct Association {
     pub(crate) matches: Vec<Match>,
     /// Per pixel the nearest matched surfel plus one, 0 = none.
     pub(crate) hit: Vec<u32>,
-    /// Square of its distance from the pixel's point.
+    /// Square of its distance from the pixel's point; `f32::MAX` = only strays, infinite = nothing there.
     hit_distance: Vec<f32>,
     /// Surfels that the frame speaks against, and how strongly.
     doubted: Vec<(u32, Doubt)>,
@@ -156,6 +156,12 @@ impl Association {
         any
     }
 
+    /// Whether the pixel sees no surfel, and none strays about its point either.
+    #[inline]
+    pub(crate) fn is_bare(&self, pixel: usize) -> bool {
+        self.hit_distance[pixel] == f32::INFINITY
+    }
+
     #[inline]
     fn project(&mut self, lens: &Lens<'_>, hot: &Hot, id: u32) -> Sight {
         let Lens { frame, pose, params, .. } = *lens;
@@ -189,7 +195,11 @@ impl Association {
         if ahead.abs() > tolerance || !parallel {
             // A sheet a little behind, or a wrongly turned disc within: not what the camera would see there.
             let near = ahead.abs() <= if parallel { 3.0 * tolerance } else { 0.5 * tolerance };
-            return if near { Sight::Doubt(Doubt::Stray) } else { Sight::Nothing };
+            if !near {
+                return Sight::Nothing;
+            }
+            self.hit_distance[i] = self.hit_distance[i].min(f32::MAX);
+            return Sight::Doubt(Doubt::Stray);
         }
         self.matches.push(Match { surfel: id, pixel: i as u32, ahead });
         let distance = dot(off, off);

@@ -111,7 +111,7 @@ pub(crate) fn create(
         for x in 0..frame.width {
             let i = y * frame.width + x;
             let (n, cos) = (frame.normal[i], frame.cos[i]);
-            if n == [0.0; 3] || cos < params.min_incidence_cos {
+            if n == [0.0; 3] || cos < params.min_incidence_cos || !association.is_bare(i) {
                 continue;
             }
             let p = frame.point(x, y);
