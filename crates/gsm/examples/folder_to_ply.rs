@@ -148,7 +148,10 @@ fn set(p: &mut Params, field: &str, v: f32) -> Result<()> {
 
 /// The last frame's segments in colours of their ids, edges dark, as a portable pixmap.
 fn write_frame(path: &Path, map: &Map) -> Result<()> {
-    let (width, segments) = map.frame_segments();
+    let (width, mut segments) = map.frame_segments();
+    if path.to_string_lossy().contains("region") {
+        segments = map.frame_regions().1.iter().map(|&r| (r != 0).then_some(gsm::SegmentId(r))).collect();
+    }
     let (_, edges) = map.frame_edges();
     let mut out = BufWriter::new(fs::File::create(path)?);
     writeln!(out, "P6 {width} {} 255", segments.len() / width.max(1))?;

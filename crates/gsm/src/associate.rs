@@ -1,11 +1,10 @@
 //! Which surfels the frame sees again, which it looks through, and which pixels have a surfel.
 
 use crate::Params;
-use crate::bricks::Bricks;
 use crate::event::Counts;
 use crate::frame::{Frame, dot, sub};
-use crate::segments::Segments;
-use crate::surfels::Surfels;
+use crate::store::{Step, Store};
+use crate::surfels::{BLOCK, Cold, Hot, Surfels};
 use nalgebra::{Isometry3, Matrix3};
 
 /// A surfel seen again.
@@ -68,106 +67,114 @@ pub(crate) struct Association {
     pub(crate) matches: Vec<Match>,
     /// Per pixel the nearest matched surfel plus one, 0 = none.
     pub(crate) hit: Vec<u32>,
+    /// Square of its distance from the pixel's point; `f32::MAX` = only strays, infinite = nothing there.
     hit_distance: Vec<f32>,
+    /// Surfels that the frame speaks against, and how strongly.
+    doubted: Vec<(u32, Doubt)>,
+    /// Bricks that hold surfels to be removed.
+    weeds: Vec<u32>,
 }
 
-enum Fate {
-    Keep,
-    Expired,
-    Contradicted,
+/// Why a surfel in view is not seen.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Doubt {
+    /// The camera looks through it.
+    Through,
+    /// It is near the measured surface, but not of it.
+    Stray,
+}
+
+enum Sight {
+    Seen,
+    Doubt(Doubt),
+    Nothing,
 }
 
 impl Association {
     /// Projects every surfel of the visible bricks. The measured depth itself decides visibility: a surfel within
     /// the gate of its pixel's tangent plane is seen, one clearly before it is contradicted, one behind is hidden.
-    #[allow(clippy::too_many_arguments)]
-    pub(crate) fn run(
-        &mut self,
-        frame: &Frame,
-        pose: &Pose,
-        visible: &[u32],
-        bricks: &mut Bricks,
-        surfels: &mut Surfels,
-        segments: &mut Segments,
-        params: &Params,
-        now: u32,
-        counts: &mut Counts,
-    ) {
+    pub(crate) fn run(&mut self, step: Step<'_>, visible: &[u32], store: &mut Store, counts: &mut Counts) {
         self.matches.clear();
         self.hit.clear();
-        self.hit.resize(frame.z.len(), 0);
+        self.hit.resize(step.frame.z.len(), 0);
         self.hit_distance.clear();
-        self.hit_distance.resize(frame.z.len(), f32::INFINITY);
+        self.hit_distance.resize(step.frame.z.len(), f32::INFINITY);
+        let Some(lens) = Lens::new(step) else { return };
         for &b in visible {
-            let mut list = std::mem::take(&mut bricks.list[b as usize].surfels);
-            counts.visited += list.len() as u32;
-            let mut j = 0;
-            while j < list.len() {
-                let id = list[j];
-                match self.look(frame, pose, surfels, params, now, id) {
-                    Fate::Keep => {
-                        j += 1;
+            let mut weeds = false;
+            for &block in &store.bricks.list[b as usize].blocks {
+                counts.visited += block.used.count_ones();
+                let first = block.first as usize;
+                let hot = &store.surfels.hot[first..first + BLOCK];
+                for (k, hot) in hot.iter().enumerate() {
+                    if hot.radius <= 0.0 {
+                        weeds |= hot.radius < 0.0;
                         continue;
                     }
-                    Fate::Expired => counts.expired += 1,
-                    Fate::Contradicted => counts.contradicted += 1,
+                    let id = block.first + k as u32;
+                    match self.project(&lens, hot, id) {
+                        Sight::Seen => {
+                            store.surfels.cold[id as usize].seen = step.now;
+                            continue;
+                        }
+                        Sight::Doubt(doubt) => self.doubted.push((id, doubt)),
+                        Sight::Nothing => {}
+                    }
+                    weeds |= timed_out(&store.surfels.cold[id as usize], step);
                 }
-                segments.remove_surfel(surfels, id);
-                list.swap_remove(j);
             }
-            bricks.list[b as usize].surfels = list;
+            weeds |= self.doubt(store, counts);
+            if weeds {
+                self.weeds.push(b);
+            }
         }
+        for b in self.weeds.drain(..) {
+            let gone = |s: &Surfels, id: u32| {
+                let cold = &s.cold[id as usize];
+                cold.confidence < 0.0 || timed_out(cold, step)
+            };
+            counts.expired += store.weed(b as usize, gone);
+        }
+        counts.expired -= counts.contradicted;
         counts.matched = self.matches.len() as u32;
     }
 
-    #[inline]
-    fn look(
-        &mut self,
-        frame: &Frame,
-        pose: &Pose,
-        surfels: &mut Surfels,
-        params: &Params,
-        now: u32,
-        id: u32,
-    ) -> Fate {
-        let hot = &surfels.hot[id as usize];
-        let fate = match self.project(frame, pose, hot, params, id) {
-            Sight::Seen => return Fate::Keep,
-            Sight::Nothing => Fate::Expired,
-            Sight::Through => {
-                let cold = &mut surfels.cold[id as usize];
-                cold.confidence = cold.confidence * 0.7 - 0.5;
-                if cold.confidence < 0.0 {
-                    cold.confidence = 0.0;
-                    return Fate::Contradicted;
-                }
-                Fate::Expired
+    /// Lowers the confidence of the doubted surfels; true when one is worn out.
+    fn doubt(&mut self, store: &mut Store, counts: &mut Counts) -> bool {
+        let mut any = false;
+        for (id, doubt) in self.doubted.drain(..) {
+            let cold = &mut store.surfels.cold[id as usize];
+            cold.confidence = match doubt {
+                Doubt::Through => cold.confidence * 0.7 - 0.5,
+                Doubt::Stray => cold.confidence * 0.9 - 0.3,
+            };
+            if cold.confidence < 0.0 {
+                counts.contradicted += 1;
+                any = true;
             }
-        };
-        let cold = &surfels.cold[id as usize];
-        if !cold.stable && now.saturating_sub(cold.seen) > params.unstable_frames { fate } else { Fate::Keep }
+        }
+        any
+    }
+
+    /// Whether the pixel sees no surfel, and none strays about its point either.
+    #[inline]
+    pub(crate) fn is_bare(&self, pixel: usize) -> bool {
+        self.hit_distance[pixel] == f32::INFINITY
     }
 
     #[inline]
-    fn project(
-        &mut self,
-        frame: &Frame,
-        pose: &Pose,
-        hot: &crate::surfels::Hot,
-        params: &Params,
-        id: u32,
-    ) -> Sight {
-        let Some(camera) = &frame.camera else { return Sight::Nothing };
+    fn project(&mut self, lens: &Lens<'_>, hot: &Hot, id: u32) -> Sight {
+        let Lens { frame, pose, params, .. } = *lens;
         let p = pose.view(hot.position);
         if p[2] < params.min_depth {
             return Sight::Nothing;
         }
-        let (u, v) = (camera.fx() * p[0] / p[2] + camera.cx(), camera.fy() * p[1] / p[2] + camera.cy());
-        if !(u > -0.5 && v > -0.5 && u < frame.width as f32 - 0.5 && v < frame.height as f32 - 0.5) {
+        let inverse = 1.0 / p[2];
+        let (u, v) = (lens.fx * p[0] * inverse + lens.cx, lens.fy * p[1] * inverse + lens.cy);
+        if !(u >= 0.0 && v >= 0.0 && u < lens.width && v < lens.height) {
             return Sight::Nothing;
         }
-        let (x, y) = ((u + 0.5) as usize, (v + 0.5) as usize);
-        let (x, y) = (x.min(frame.width - 1), y.min(frame.height - 1));
+        let (x, y) = (u as usize, v as usize);
         let i = y * frame.width + x;
         let z = frame.z[i];
         if z == 0.0 {
@@ -175,20 +182,24 @@ impl Association {
         }
         let tolerance = params.gate_sigmas * frame.noise.sigma(z) + params.pose_error;
         if p[2] < z - 2.0 * tolerance {
-            return if looked_through(frame, x, y, p[2] + 2.0 * tolerance) {
-                Sight::Through
-            } else {
-                Sight::Nothing
-            };
+            let through = looked_through(frame, x, y, p[2] + 2.0 * tolerance);
+            return if through { Sight::Doubt(Doubt::Through) } else { Sight::Nothing };
         }
         let n = frame.normal[i];
-        if n == [0.0; 3] {
+        if n == [0.0; 3] || p[2] > z + 3.0 * tolerance + 0.1 * z {
             return Sight::Nothing;
         }
         let off = sub(p, frame.point(x, y));
         let ahead = dot(off, n);
-        if ahead.abs() > tolerance || dot(pose.unturn(hot.normal), n) < params.gate_normal_cos {
-            return Sight::Nothing;
+        let parallel = dot(pose.unturn(hot.normal), n) >= params.gate_normal_cos;
+        if ahead.abs() > tolerance || !parallel {
+            // A sheet a little behind, or a wrongly turned disc within: not what the camera would see there.
+            let near = ahead.abs() <= if parallel { 3.0 * tolerance } else { 0.5 * tolerance };
+            if !near {
+                return Sight::Nothing;
+            }
+            self.hit_distance[i] = self.hit_distance[i].min(f32::MAX);
+            return Sight::Doubt(Doubt::Stray);
         }
         self.matches.push(Match { surfel: id, pixel: i as u32, ahead });
         let distance = dot(off, off);
@@ -200,10 +211,32 @@ impl Association {
     }
 }
 
-enum Sight {
-    Seen,
-    Through,
-    Nothing,
+/// Camera constants of the projection, shifted by half a pixel so that truncation rounds to the nearest.
+struct Lens<'a> {
+    frame: &'a Frame,
+    pose: &'a Pose,
+    params: &'a Params,
+    fx: f32,
+    fy: f32,
+    cx: f32,
+    cy: f32,
+    width: f32,
+    height: f32,
+}
+
+impl<'a> Lens<'a> {
+    fn new(Step { frame, pose, params, .. }: Step<'a>) -> Option<Self> {
+        let c = frame.camera?;
+        let (width, height) = (frame.width as f32, frame.height as f32);
+        let (cx, cy) = (c.cx() + 0.5, c.cy() + 0.5);
+        Some(Self { frame, pose, params, fx: c.fx(), fy: c.fy(), cx, cy, width, height })
+    }
+}
+
+/// Unstable and not seen for long.
+#[inline]
+pub(crate) fn timed_out(cold: &Cold, step: Step<'_>) -> bool {
+    !cold.stable && step.now.saturating_sub(cold.seen) > step.params.unstable_frames
 }
 
 /// Whether all valid depths of the 3×3 pixels around (x, y), at least six, lie beyond `z`.

@@ -1,10 +1,12 @@
-//! Space in cubes of some 0.25 m: each brick lists its surfels and remembers what was looked through.
+//! Space in cubes of some 0.25 m: each brick owns blocks of surfels and remembers what was looked through.
+
+use crate::surfels::Block;
 
 /// One cube of the map.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Brick {
     pub(crate) key: [i32; 3],
-    pub(crate) surfels: Vec<u32>,
+    pub(crate) blocks: Vec<Block>,
     /// Octants (bit = x + 2y + 4z) whose centre was last seen through / holding a surface.
     pub(crate) through: u8,
     pub(crate) surface: u8,
@@ -87,7 +89,7 @@ impl Bricks {
     pub(crate) fn bytes(&self) -> usize {
         self.table.len() * 4
             + self.list.capacity() * size_of::<Brick>()
-            + self.list.iter().map(|b| b.surfels.capacity() * 4).sum::<usize>()
+            + self.list.iter().map(|b| b.blocks.capacity() * size_of::<Block>()).sum::<usize>()
     }
 }
 

@@ -30,6 +30,13 @@ pub enum SegmentEvent {
         /// The segment that lives on.
         into: SegmentId,
     },
+    /// A part of `from` became `into`, whose `Added` comes just before.
+    Split {
+        /// The segment that lost the part.
+        from: SegmentId,
+        /// The new segment.
+        into: SegmentId,
+    },
     /// The segment lost its last surfel.
     Removed(SegmentId),
 }

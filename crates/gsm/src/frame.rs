@@ -36,6 +36,8 @@ pub(crate) struct Frame {
     pub(crate) smooth: Vec<f32>,
     /// Unit normal towards the camera, zero = none.
     pub(crate) normal: Vec<[f32; 3]>,
+    /// Cosine between normal and viewing ray.
+    pub(crate) cos: Vec<f32>,
     /// 1 = crease, step or image edge: no seed of a region.
     pub(crate) edge: Vec<u8>,
     /// Region of the pixel, 1.., 0 = none.
@@ -87,6 +89,7 @@ impl Frame {
         self.row_fit = vec![[0.0; 3]; n];
         self.smooth = vec![0.0; n];
         self.normal = vec![[0.0; 3]; n];
+        self.cos = vec![0.0; n];
         self.edge = vec![1; n];
         self.label = vec![0; n];
         (self.width, self.height, self.factor) = (w, h, factor);

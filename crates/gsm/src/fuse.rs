@@ -1,11 +1,10 @@
 //! Surfels seen again are averaged with the frame; pixels without one get a new surfel.
 
-use crate::Params;
-use crate::associate::{Association, Pose};
-use crate::bricks::Bricks;
+use crate::associate::Association;
 use crate::event::Counts;
 use crate::frame::{Frame, dot, sub};
 use crate::segments::Segments;
+use crate::store::{Step, Store};
 use crate::surfels::{Cold, Hot, Surfels};
 use crate::vote::Votes;
 
@@ -13,24 +12,22 @@ const CONFIDENCE_MAX: f32 = 40.0;
 const LABEL_CONFIDENCE_MAX: i16 = 12;
 
 /// Averages position along the normal, the normal, and the label of every match.
-#[allow(clippy::too_many_arguments)]
-pub(crate) fn fuse(
-    frame: &Frame,
-    pose: &Pose,
-    association: &Association,
-    votes: &Votes,
-    surfels: &mut Surfels,
-    segments: &mut Segments,
-    params: &Params,
-    now: u32,
-) {
+pub(crate) fn fuse(step: Step<'_>, association: &Association, votes: &Votes, store: &mut Store) {
+    let Step { frame, pose, params, .. } = step;
+    let Store { surfels, segments, .. } = store;
     for m in &association.matches {
         let i = m.pixel as usize;
-        let (x, y) = (i % frame.width, i / frame.width);
         let n = frame.normal[i];
-        let p = frame.point(x, y);
-        let cos = -dot(n, p) / dot(p, p).sqrt();
+        let cos = frame.cos[i];
         if cos < params.min_incidence_cos {
+            continue;
+        }
+        if association.hit[i] != m.surfel + 1 && redundant(surfels, m.surfel, association.hit[i] - 1) {
+            let cold = &mut surfels.cold[m.surfel as usize];
+            cold.confidence = cold.confidence * 0.9 - 0.3;
+            if cold.confidence < 0.0 {
+                surfels.hot[m.surfel as usize].radius *= -1.0;
+            }
             continue;
         }
         let hot = &mut surfels.hot[m.surfel as usize];
@@ -41,11 +38,11 @@ pub(crate) fn fuse(
             *p -= n * m.ahead * gain;
             *own += (n - *own) * gain;
         }
-        let scale = 1.0 / dot(hot.normal, hot.normal).max(1e-12).sqrt();
+        // One Newton step towards unit length: the length is within 10 % of it and gains at every sighting.
+        let scale = 1.5 - 0.5 * dot(hot.normal, hot.normal);
         hot.normal = hot.normal.map(|v| v * scale);
-        hot.radius = hot.radius.min(radius(frame, p[2], cos));
+        hot.radius = hot.radius.min(radius(frame, frame.smooth[i], cos));
         cold.confidence = (cold.confidence + 1.0).min(CONFIDENCE_MAX);
-        cold.seen = now;
         let ripe = !cold.stable && cold.confidence >= params.stable_sightings as f32;
         cold.stable |= ripe;
         if ripe {
@@ -55,6 +52,15 @@ pub(crate) fn fuse(
         }
         label(frame, votes, surfels, segments, m.surfel, i);
     }
+}
+
+/// Whether `id` lies closer to the surfel that its pixel sees best than half their spacing, and is the less certain.
+fn redundant(surfels: &Surfels, id: u32, best: u32) -> bool {
+    let (a, b) = (&surfels.hot[id as usize], &surfels.hot[best as usize]);
+    let off = sub(a.position, b.position);
+    let r = a.radius.min(b.radius);
+    let certain = |id: u32| (surfels.cold[id as usize].confidence, std::cmp::Reverse(id));
+    dot(off, off) < 0.5 * r * r && certain(id) < certain(best)
 }
 
 /// Moves the label towards that of the pixel's region: agreement strengthens it, disagreement wears it down.
@@ -93,54 +99,47 @@ fn radius(frame: &Frame, z: f32, cos: f32) -> f32 {
 }
 
 /// Makes surfels at pixels that no matched surfel of the 3×3 neighbourhood covers.
-#[allow(clippy::too_many_arguments)]
 pub(crate) fn create(
-    frame: &Frame,
-    pose: &Pose,
+    step: Step<'_>,
     association: &Association,
     votes: &Votes,
-    bricks: &mut Bricks,
-    surfels: &mut Surfels,
-    segments: &mut Segments,
-    params: &Params,
-    now: u32,
+    store: &mut Store,
     counts: &mut Counts,
 ) {
+    let Step { frame, pose, params, now } = step;
     for y in 0..frame.height {
         for x in 0..frame.width {
             let i = y * frame.width + x;
-            let n = frame.normal[i];
-            if n == [0.0; 3] {
+            let (n, cos) = (frame.normal[i], frame.cos[i]);
+            if n == [0.0; 3] || cos < params.min_incidence_cos || !association.is_bare(i) {
                 continue;
             }
             let p = frame.point(x, y);
-            let cos = -dot(n, p) / dot(p, p).sqrt();
-            if cos < params.min_incidence_cos {
-                continue;
-            }
             let position = pose.place(p);
             let ray = sub(position, pose.centre);
             let spacing = 0.75 * (frame.spacing * p[2]).max(params.min_spacing);
-            if covered(frame, association, surfels, (x, y), position, ray, spacing) {
+            if covered(frame, association, &store.surfels, (x, y), position, ray, spacing) {
                 continue;
             }
-            let brick = bricks.key(position).and_then(|key| bricks.find_or_make(key));
             let hot = Hot { position, radius: radius(frame, p[2], cos), normal: pose.turn(n), segment: 0 };
-            let cold = Cold { confidence: 1.0, seen: now, ..Cold::default() };
-            let Some((brick, id)) =
-                brick.and_then(|b| surfels.insert(hot, cold, params.max_surfels).map(|id| (b, id)))
-            else {
+            let Some(id) = insert(store, hot, now, params.max_surfels) else {
                 counts.refused += 1;
                 continue;
             };
-            bricks.list[brick].surfels.push(id);
             counts.created += 1;
             let segment = votes.segment_of[frame.label[i] as usize];
             if segment != 0 {
-                segments.relabel(surfels, id, segment);
+                store.segments.relabel(&mut store.surfels, id, segment);
             }
         }
     }
+}
+
+fn insert(store: &mut Store, hot: Hot, now: u32, limit: u32) -> Option<u32> {
+    let key = store.bricks.key(hot.position)?;
+    let brick = store.bricks.find_or_make(key)?;
+    let cold = Cold { confidence: 1.0, seen: now, ..Cold::default() };
+    store.surfels.insert(&mut store.bricks.list[brick].blocks, hot, cold, limit)
 }
 
 /// Whether a surfel seen in the 3×3 pixels lies within `reach` of the ray through `position`.

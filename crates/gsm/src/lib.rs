@@ -26,6 +26,7 @@
 
 mod associate;
 mod bricks;
+mod store;
 mod camera;
 mod components;
 mod edges;
@@ -44,6 +45,7 @@ mod params;
 mod segment;
 mod segments;
 mod shrink;
+mod split;
 mod surfels;
 mod visibility;
 mod vote;

@@ -1,12 +1,14 @@
 //! The map and its frame loop.
 
-use crate::associate::{Association, Pose};
+use crate::associate::{Association, Pose, timed_out};
 use crate::bricks::Bricks;
 use crate::event::{Counts, FrameReport, SegmentId, Skip};
 use crate::frame::Frame;
 use crate::merge::Merges;
 use crate::segment::{Segment, Surfel};
 use crate::segments::Segments;
+use crate::split::Splits;
+use crate::store::{Step, Store};
 use crate::surfels::Surfels;
 use crate::visibility::Visibility;
 use crate::vote::Votes;
@@ -46,12 +48,11 @@ pub enum Stage {
 pub struct Map {
     params: Params,
     frame: Frame,
-    pub(crate) surfels: Surfels,
-    bricks: Bricks,
-    segments: Segments,
+    pub(crate) store: Store,
     association: Association,
     votes: Votes,
     merges: Merges,
+    splits: Splits,
     visible: Vec<u32>,
     /// Frames integrated.
     now: u32,
@@ -70,12 +71,11 @@ impl Map {
         Ok(Self {
             params,
             frame: Frame::default(),
-            surfels: Surfels::default(),
-            bricks,
-            segments: Segments::default(),
+            store: Store { surfels: Surfels::default(), bricks, segments: Segments::default() },
             association: Association::default(),
             votes: Votes::default(),
             merges: Merges::default(),
+            splits: Splits::default(),
             visible: Vec::new(),
             now: 0,
             last_centre: None,
@@ -103,57 +103,29 @@ impl Map {
         }
         let pose = Pose::new(&view.world_from_camera);
         report.jumped = self.begin(&pose);
-        let (now, counts) = (self.now, &mut report.counts);
+        let (counts, events) = (&mut report.counts, &mut report.events);
 
         // The map as the frame sees it.
-        counts.refused += visibility::look(&self.frame, &pose, &mut self.bricks, now, &mut self.visible);
+        let step = Step { frame: &self.frame, pose: &pose, params: &self.params, now: self.now };
+        counts.refused += visibility::look(step, &mut self.store.bricks, &mut self.visible);
         done(Stage::Look);
-        self.association.run(
-            &self.frame,
-            &pose,
-            &self.visible,
-            &mut self.bricks,
-            &mut self.surfels,
-            &mut self.segments,
-            &self.params,
-            now,
-            counts,
-        );
+        let (association, votes, store) = (&mut self.association, &mut self.votes, &mut self.store);
+        association.run(step, &self.visible, store, counts);
         done(Stage::Associate);
 
         // Regions of the frame become segments of the map.
-        let (frame, association) = (&self.frame, &self.association);
-        self.votes.run(
-            frame,
-            association,
-            &self.surfels,
-            &mut self.segments,
-            &self.params,
-            now,
-            &mut report.events,
-        );
+        votes.run(step, association, store, events);
+        self.splits.run(step, association, votes, store, events);
         done(Stage::Vote);
 
         // The map learns the frame.
-        let (surfels, segments) = (&mut self.surfels, &mut self.segments);
-        fuse::fuse(frame, &pose, association, &self.votes, surfels, segments, &self.params, now);
-        fuse::create(
-            frame,
-            &pose,
-            association,
-            &self.votes,
-            &mut self.bricks,
-            surfels,
-            segments,
-            &self.params,
-            now,
-            counts,
-        );
+        fuse::fuse(step, association, votes, store);
+        fuse::create(step, association, votes, store, counts);
         done(Stage::Fuse);
-        self.merges.run(&self.votes, surfels, segments, &self.params, now, &mut report.events);
-        counts.expired += self.expire();
-        self.segments.settle(&mut report.events);
-        self.merges.forget_closed(&self.segments);
+        self.merges.run(step, votes, store, events);
+        counts.expired += expire(step, store, &mut self.sweep);
+        store.segments.settle(events);
+        self.merges.forget_closed(&store.segments);
         self.count(&mut report.counts);
         done(Stage::Merge);
         report
@@ -162,7 +134,7 @@ impl Map {
     /// Counts the frame; true when the camera jumped.
     fn begin(&mut self, pose: &Pose) -> bool {
         if self.now == 0 {
-            self.segments.origin = pose.centre;
+            self.store.segments.origin = pose.centre;
         }
         self.now += 1;
         let last = self.last_centre.replace(pose.centre);
@@ -171,42 +143,26 @@ impl Map {
         })
     }
 
-    /// Removes timed-out unstable surfels from the next few bricks, so that none lingers out of view.
-    fn expire(&mut self) -> u32 {
-        let mut expired = 0;
-        let n = self.bricks.list.len();
-        for _ in 0..SWEEP.min(n) {
-            self.sweep = (self.sweep + 1) % n;
-            let mut list = std::mem::take(&mut self.bricks.list[self.sweep].surfels);
-            list.retain(|&id| {
-                let cold = &self.surfels.cold[id as usize];
-                let old = !cold.stable && self.now.saturating_sub(cold.seen) > self.params.unstable_frames;
-                if old {
-                    self.segments.remove_surfel(&mut self.surfels, id);
-                    expired += 1;
-                }
-                !old
-            });
-            self.bricks.list[self.sweep].surfels = list;
-        }
-        expired
-    }
-
     fn count(&self, counts: &mut Counts) {
         counts.working_size = (self.frame.width as u32, self.frame.height as u32);
         counts.valid = self.frame.valid as u32;
         counts.regions = self.frame.region_size.len() as u32 - 1;
         counts.bricks = self.visible.len() as u32;
-        counts.surfels = self.surfels.len() as u32;
-        counts.segments = self.segments.open_slots().count() as u32;
+        counts.surfels = self.store.surfels.len() as u32;
+        counts.segments = self.store.segments.open_slots().count() as u32;
     }
 
     /// Segments of the last integrated frame, per working pixel, row-major (`None` = no region there), with the
     /// working columns.
     pub fn frame_segments(&self) -> (usize, Vec<Option<SegmentId>>) {
         let slot = |&region: &u32| self.votes.segment_of.get(region as usize).copied().unwrap_or(0);
-        let id = |s: u32| (s != 0 && self.segments.is_open(s - 1)).then(|| self.segments.id(s - 1));
+        let id = |s: u32| (s != 0 && self.store.segments.is_open(s - 1)).then(|| self.store.segments.id(s - 1));
         (self.frame.width, self.frame.label.iter().map(slot).map(id).collect())
+    }
+
+    /// Regions of the last integrated frame (1.., 0 = none), like [`frame_segments`](Self::frame_segments).
+    pub fn frame_regions(&self) -> (usize, &[u32]) {
+        (self.frame.width, &self.frame.label)
     }
 
     /// Edge pixels of the last integrated frame, like [`frame_segments`](Self::frame_segments).
@@ -226,19 +182,19 @@ impl Map {
 
     /// Zero of the segments' integer moments, world frame: the first camera's centre.
     pub fn origin(&self) -> Point3<f32> {
-        Point3::from(self.segments.origin)
+        Point3::from(self.store.segments.origin)
     }
 
     /// The live segments in the order of their ids.
     pub fn segments(&self) -> impl Iterator<Item = Segment<'_>> {
-        let mut records: Vec<_> = self.segments.open_slots().collect();
+        let mut records: Vec<_> = self.store.segments.open_slots().collect();
         records.sort_unstable_by_key(|r| r.id);
         records.into_iter().map(|record| Segment { map: self, record })
     }
 
     /// A live segment by its id.
     pub fn segment(&self, id: SegmentId) -> Option<Segment<'_>> {
-        let record = self.segments.open_slots().find(|r| r.id == id.0)?;
+        let record = self.store.segments.open_slots().find(|r| r.id == id.0)?;
         Some(Segment { map: self, record })
     }
 
@@ -249,14 +205,14 @@ impl Map {
 
     /// The live surfels in the order in which they are stored, which depends on the history alone.
     pub fn surfels(&self) -> impl Iterator<Item = Surfel> + '_ {
-        (0..self.surfels.hot.len()).filter(|&i| self.surfels.is_live(i)).map(|i| {
-            let (hot, cold) = (&self.surfels.hot[i], &self.surfels.cold[i]);
+        (0..self.store.surfels.hot.len()).filter(|&i| self.store.surfels.is_live(i)).map(|i| {
+            let (hot, cold) = (&self.store.surfels.hot[i], &self.store.surfels.cold[i]);
             Surfel {
                 position: Point3::from(hot.position),
                 normal: Vector3::from(hot.normal),
                 radius: hot.radius,
                 confidence: cold.confidence,
-                segment: (hot.segment != 0).then(|| self.segments.id(hot.segment - 1)),
+                segment: (hot.segment != 0).then(|| self.store.segments.id(hot.segment - 1)),
                 stable: cold.stable,
             }
         })
@@ -264,13 +220,26 @@ impl Map {
 
     /// What was looked through, seen, or not looked at.
     pub fn visibility(&self) -> Visibility<'_> {
-        Visibility { bricks: &self.bricks }
+        Visibility { bricks: &self.store.bricks }
     }
 
     /// Bytes held by surfels, bricks and segments, slack included (frame workspace excluded).
     pub fn bytes(&self) -> usize {
-        self.surfels.bytes() + self.bricks.bytes() + self.segments.bytes()
+        self.store.surfels.bytes() + self.store.bricks.bytes() + self.store.segments.bytes()
     }
+}
+
+/// Removes timed-out unstable surfels from the next few bricks, so that none lingers out of view.
+fn expire(step: Step<'_>, store: &mut Store, sweep: &mut usize) -> u32 {
+    let mut expired = 0;
+    let n = store.bricks.list.len();
+    for _ in 0..SWEEP.min(n) {
+        *sweep = (*sweep + 1) % n;
+        if !store.bricks.list[*sweep].blocks.is_empty() {
+            expired += store.weed(*sweep, |s, id| timed_out(&s.cold[id as usize], step));
+        }
+    }
+    expired
 }
 
 /// Why a frame cannot be used, if so.

@@ -3,6 +3,7 @@
 use crate::Params;
 use crate::event::SegmentEvent;
 use crate::segments::Segments;
+use crate::store::{Step, Store};
 use crate::surfels::Surfels;
 use crate::vote::Votes;
 use std::collections::BTreeMap;
@@ -26,24 +27,24 @@ pub(crate) struct Merges {
 }
 
 /// Kept of the evidence from one contact frame to the next.
-const DECAY: f32 = 0.93;
+const DECAY: f32 = 0.96;
 /// Pairs that did not touch for so many frames are forgotten.
 const FORGET: u32 = 100;
 /// Contact frames before a merge.
-const PATIENCE: u32 = 4;
+const PATIENCE: u32 = 8;
 
 impl Merges {
     /// Adds the contacts of a frame, then merges every pair whose evidence suffices.
     pub(crate) fn run(
         &mut self,
+        step: Step<'_>,
         votes: &Votes,
-        surfels: &mut Surfels,
-        segments: &mut Segments,
-        params: &Params,
-        now: u32,
+        store: &mut Store,
         events: &mut Vec<SegmentEvent>,
     ) {
-        self.gather(votes, params, now);
+        let now = step.now;
+        let Store { surfels, segments, .. } = store;
+        self.gather(votes, step.params, now);
         let mut ripe = std::mem::take(&mut self.ripe);
         for &(a, b) in &ripe {
             if segments.is_open(a) && segments.is_open(b) {
@@ -61,6 +62,8 @@ impl Merges {
         for run in votes.contacts.chunk_by(|a, b| a.pair == b.pair) {
             let pair = run[0].pair;
             let joined = run.iter().filter(|c| c.joined).count() as f32;
+            // A border that lies beside the frame's own one joins pixels, but not segments.
+            let joined = joined * votes.together(pair.0, pair.1, now);
             let apart = run.len() as f32 - joined;
             let smaller = votes.pixels_of(pair.0, now).min(votes.pixels_of(pair.1, now));
             let e = self.pairs.entry(pair).or_default();

@@ -131,7 +131,11 @@ fn fit_columns(frame: &mut Frame, first: usize, last: usize, spread: &[f32; SPAN
                 continue;
             }
             frame.smooth[i] = 1.0 / inverse;
-            frame.normal[i] = [-ax / length, -ay / length, -az / length];
+            let scale = 1.0 / length;
+            frame.normal[i] = [-ax * scale, -ay * scale, -az * scale];
+            // The ray (x', y', 1) meets the plane A x' + B y' + C = 1/z: normal · ray = (1/z) / length.
+            let (rx, ry) = (frame.ray_x[x], frame.ray_y[y]);
+            frame.cos[i] = inverse * scale / (rx * rx + ry * ry + 1.0).sqrt();
         }
     }
 }

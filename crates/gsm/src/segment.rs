@@ -94,7 +94,7 @@ impl Segment<'_> {
 
     /// Area of the surfels' discs, m²; an estimate that counts overlapping discs twice.
     pub fn area(&self) -> f32 {
-        let hot = &self.map.surfels.hot;
+        let hot = &self.map.store.surfels.hot;
         self.stable().map(|id| 2.0 * hot[id].radius * hot[id].radius).sum()
     }
 
@@ -102,7 +102,7 @@ impl Segment<'_> {
     pub fn aabb(&self) -> Option<Aabb> {
         let mut axes = [const { Vec::new() }; 3];
         for id in self.stable() {
-            for (axis, v) in axes.iter_mut().zip(self.map.surfels.hot[id].position) {
+            for (axis, v) in axes.iter_mut().zip(self.map.store.surfels.hot[id].position) {
                 axis.push(v);
             }
         }
@@ -129,7 +129,7 @@ impl Segment<'_> {
         for id in self.stable() {
             // Member `passed` is taken when it crosses the next multiple of all / n.
             if taken < n && passed * n >= taken * all {
-                let hot = &self.map.surfels.hot[id];
+                let hot = &self.map.store.surfels.hot[id];
                 points.push((Point3::from(hot.position), Vector3::from(hot.normal)));
                 taken += 1;
             }
@@ -139,7 +139,7 @@ impl Segment<'_> {
     }
 
     fn stable(&self) -> impl Iterator<Item = usize> + '_ {
-        let cold = &self.map.surfels.cold;
+        let cold = &self.map.store.surfels.cold;
         self.record.members.iter().map(|&id| id as usize).filter(move |&id| cold[id].stable)
     }
 }

@@ -71,7 +71,10 @@ impl Segments {
 
     /// World position in integer coordinates.
     fn counted(&self, p: [f32; 3]) -> [i32; 3] {
-        let q = |k: usize| (f64::from(p[k] - self.origin[k]) / UNIT).round() as i32;
+        let q = |k: usize| {
+            let v = f64::from(p[k] - self.origin[k]) / UNIT;
+            (v + 0.5f64.copysign(v)) as i32
+        };
         [q(0), q(1), q(2)]
     }
 
@@ -140,12 +143,6 @@ impl Segments {
             self.relabel(surfels, id, into + 1);
         }
         self.close(from);
-    }
-
-    /// Removes a surfel from its segment and from the store.
-    pub(crate) fn remove_surfel(&mut self, surfels: &mut Surfels, id: u32) {
-        self.relabel(surfels, id, 0);
-        surfels.remove(id);
     }
 
     /// Reports what this frame did to the touched segments, and closes the empty ones.

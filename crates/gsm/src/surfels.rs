@@ -1,9 +1,12 @@
-//! Storage of surfels: a hot array for projection, a cold one for bookkeeping, and a free list.
+//! Storage of surfels: a hot array for projection and a cold one for bookkeeping, in blocks of neighbours.
+//!
+//! A block holds surfels of one brick only, so that visiting a brick streams through memory.
 
 /// What projection and association read: 32 bytes, world frame, metres.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Hot {
     pub(crate) position: [f32; 3],
+    /// Radius of the disc, 0 = free entry, negative = to be removed at the next visit.
     pub(crate) radius: f32,
     pub(crate) normal: [f32; 3],
     /// Slot of the segment plus one, 0 = none.
@@ -13,7 +16,7 @@ pub(crate) struct Hot {
 /// The rest: 32 bytes.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Cold {
-    /// Sightings less contradictions; negative = free entry.
+    /// Sightings less contradictions.
     pub(crate) confidence: f32,
     /// Frame of the last sighting.
     pub(crate) seen: u32,
@@ -21,59 +24,139 @@ pub(crate) struct Cold {
     pub(crate) counted: [i32; 3],
     /// Place in the segment's member list.
     pub(crate) place: u32,
+    /// Tag of a part that may be split off, 0 = none.
+    pub(crate) tag: u32,
     pub(crate) label_confidence: i16,
     pub(crate) stable: bool,
+}
+
+/// Entries per block.
+pub(crate) const BLOCK: usize = 16;
+
+/// A block of a brick: its first entry and a bit per entry in use.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Block {
+    pub(crate) first: u32,
+    pub(crate) used: u16,
 }
 
 #[derive(Debug, Default)]
 pub(crate) struct Surfels {
     pub(crate) hot: Vec<Hot>,
     pub(crate) cold: Vec<Cold>,
-    free: Vec<u32>,
+    free_blocks: Vec<u32>,
+    live: usize,
 }
 
 impl Surfels {
     /// Number of live surfels.
     pub(crate) fn len(&self) -> usize {
-        self.hot.len() - self.free.len()
+        self.live
     }
 
-    /// Stores a surfel in a free entry, or at the end while there are fewer than `limit`.
-    pub(crate) fn insert(&mut self, hot: Hot, cold: Cold, limit: u32) -> Option<u32> {
-        if let Some(id) = self.free.pop() {
-            self.hot[id as usize] = hot;
-            self.cold[id as usize] = cold;
-            return Some(id);
+    /// Stores a surfel in a free entry of a brick's blocks, adding a block when they are full and there is room for
+    /// one below `limit` entries.
+    pub(crate) fn insert(&mut self, blocks: &mut Vec<Block>, hot: Hot, cold: Cold, limit: u32) -> Option<u32> {
+        let place = match blocks.iter().rposition(|b| b.used != u16::MAX) {
+            Some(place) => place,
+            None => {
+                let first = self.new_block(limit)?;
+                blocks.push(Block { first, used: 0 });
+                blocks.len() - 1
+            }
+        };
+        let block = &mut blocks[place];
+        let bit = block.used.trailing_ones();
+        block.used |= 1 << bit;
+        let id = block.first + bit;
+        self.hot[id as usize] = hot;
+        self.cold[id as usize] = cold;
+        self.live += 1;
+        Some(id)
+    }
+
+    fn new_block(&mut self, limit: u32) -> Option<u32> {
+        if let Some(first) = self.free_blocks.pop() {
+            return Some(first);
         }
-        if self.hot.len() >= limit as usize {
+        let first = self.hot.len();
+        if first + BLOCK > limit as usize {
             return None;
         }
-        if self.hot.len() == self.hot.capacity() {
+        if first + BLOCK > self.hot.capacity() {
             // A quarter more instead of doubling keeps the slack, and with it the bytes per surfel, small.
-            let more = (self.hot.len() / 4).max(4096);
+            let more = (first / 4).max(256 * BLOCK);
             self.hot.reserve_exact(more);
             self.cold.reserve_exact(more);
         }
-        self.hot.push(hot);
-        self.cold.push(cold);
-        Some(self.hot.len() as u32 - 1)
+        self.hot.resize(first + BLOCK, Hot::default());
+        self.cold.resize(first + BLOCK, Cold::default());
+        Some(first as u32)
     }
 
+    /// Frees the entry; the caller clears its bit, and hands empty blocks to [`recycle`](Self::recycle).
     pub(crate) fn remove(&mut self, id: u32) {
-        self.cold[id as usize].confidence = -1.0;
-        self.cold[id as usize].stable = false;
-        self.hot[id as usize].segment = 0;
-        self.free.push(id);
+        self.hot[id as usize] = Hot::default();
+        self.cold[id as usize] = Cold::default();
+        self.live -= 1;
+    }
+
+    /// Takes the empty blocks out of a brick.
+    pub(crate) fn recycle(&mut self, blocks: &mut Vec<Block>) {
+        blocks.retain(|b| {
+            if b.used == 0 {
+                self.free_blocks.push(b.first);
+            }
+            b.used != 0
+        });
     }
 
     pub(crate) fn is_live(&self, id: usize) -> bool {
-        self.cold[id].confidence >= 0.0
+        self.hot[id].radius > 0.0
     }
 
     /// Bytes held, slack included.
     pub(crate) fn bytes(&self) -> usize {
         self.hot.capacity() * size_of::<Hot>()
             + self.cold.capacity() * size_of::<Cold>()
-            + self.free.capacity() * 4
+            + self.free_blocks.capacity() * 4
+    }
+}
+
+/// Entries in use of a block, lowest first.
+pub(crate) fn entries(block: Block) -> impl Iterator<Item = u32> {
+    let mut rest = block.used;
+    std::iter::from_fn(move || {
+        let bit = rest.trailing_zeros();
+        (rest != 0).then(|| {
+            rest &= rest - 1;
+            block.first + bit
+        })
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn blocks_are_filled_emptied_and_used_again() {
+        let (mut s, mut blocks) = (Surfels::default(), Vec::new());
+        let hot = Hot { radius: 0.01, ..Hot::default() };
+        let ids: Vec<u32> =
+            (0..40).map(|_| s.insert(&mut blocks, hot, Cold::default(), 48).unwrap()).collect();
+        assert_eq!((s.len(), blocks.len()), (40, 3));
+        for _ in 0..8 {
+            assert!(s.insert(&mut blocks, hot, Cold::default(), 48).is_some());
+        }
+        assert_eq!(s.insert(&mut blocks, hot, Cold::default(), 48), None);
+        assert_eq!(blocks.iter().flat_map(|&b| entries(b)).take(40).collect::<Vec<_>>(), ids);
+        for b in &mut blocks {
+            entries(*b).for_each(|id| s.remove(id));
+            b.used = 0;
+        }
+        s.recycle(&mut blocks);
+        assert!(blocks.is_empty() && s.len() == 0 && !s.is_live(0));
+        assert!(s.insert(&mut blocks, hot, Cold::default(), 48).is_some());
     }
 }

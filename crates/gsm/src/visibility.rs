@@ -3,6 +3,7 @@
 use crate::associate::Pose;
 use crate::bricks::Bricks;
 use crate::frame::{Frame, dot, sub};
+use crate::store::Step;
 use nalgebra::Point3;
 
 /// Answer of [`Visibility::query`].
@@ -115,7 +116,8 @@ impl Visibility<'_> {
 
 /// Lists the bricks that may hold visible surfels, and marks octants in view as seen through or as surface.
 /// Returns the number of bricks that could not be made because the map is full.
-pub(crate) fn look(frame: &Frame, pose: &Pose, bricks: &mut Bricks, now: u32, visible: &mut Vec<u32>) -> u32 {
+pub(crate) fn look(step: Step<'_>, bricks: &mut Bricks, visible: &mut Vec<u32>) -> u32 {
+    let Step { frame, pose, now, .. } = step;
     visible.clear();
     let far = frame.z.iter().fold(0f32, |m, &z| m.max(z));
     let side = bricks.side;
@@ -139,7 +141,7 @@ pub(crate) fn look(frame: &Frame, pose: &Pose, bricks: &mut Bricks, now: u32, vi
                 }
                 let key = [x, y, z];
                 let known = bricks.find(key);
-                if let Some(b) = known.filter(|&b| !bricks.list[b].surfels.is_empty()) {
+                if let Some(b) = known.filter(|&b| !bricks.list[b].blocks.is_empty()) {
                     visible.push(b as u32);
                 }
                 if (x + y + z + now as i32) & 1 == 0 {

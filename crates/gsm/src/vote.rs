@@ -5,6 +5,7 @@ use crate::associate::Association;
 use crate::event::SegmentEvent;
 use crate::frame::{DOWN, Frame, RIGHT};
 use crate::segments::Segments;
+use crate::store::{Step, Store};
 use crate::surfels::Surfels;
 
 /// A pair of neighbouring pixels on two segments.
@@ -23,6 +24,8 @@ pub(crate) struct Votes {
     pub(crate) segment_of: Vec<u32>,
     /// Pixel contacts between segments.
     pub(crate) contacts: Vec<Contact>,
+    /// Touching pixels of two regions that are one segment, as sorted pairs of regions.
+    pub(crate) seams: Vec<(u32, u32)>,
     /// Slots seen in this frame and the pixels of each.
     pub(crate) seen: Vec<u32>,
     pub(crate) pixels: Vec<u32>,
@@ -36,18 +39,16 @@ pub(crate) struct Votes {
 
 impl Votes {
     /// Counts votes, resolves regions to segments (opening new ones at first sight) and gathers contacts.
-    #[allow(clippy::too_many_arguments)]
     pub(crate) fn run(
         &mut self,
-        frame: &Frame,
+        step: Step<'_>,
         association: &Association,
-        surfels: &Surfels,
-        segments: &mut Segments,
-        params: &Params,
-        now: u32,
+        store: &mut Store,
         events: &mut Vec<SegmentEvent>,
     ) {
-        self.see(association, surfels, segments, now);
+        let Step { frame, params, now, .. } = step;
+        let segments = &mut store.segments;
+        self.see(association, &store.surfels, segments, now);
         let columns = self.seen.len();
         let regions = frame.region_size.len();
         self.table.clear();
@@ -122,6 +123,7 @@ impl Votes {
 
     fn touch(&mut self, frame: &Frame) {
         self.contacts.clear();
+        self.seams.clear();
         let w = frame.width;
         for i in 0..self.segment.len() {
             let a = self.segment[i];
@@ -134,6 +136,12 @@ impl Votes {
                 }
                 let b = self.segment[j];
                 let (la, lb) = (frame.label[i], frame.label[j]);
+                if a == b && la != lb && la != 0 && lb != 0 {
+                    let (sa, sb) = (self.segment_of[la as usize], self.segment_of[lb as usize]);
+                    if sa == a && sb == a {
+                        self.seams.push((la.min(lb), la.max(lb)));
+                    }
+                }
                 if b == 0 || a == b || la == 0 || lb == 0 {
                     continue;
                 }
@@ -142,6 +150,19 @@ impl Votes {
             }
         }
         self.contacts.sort_unstable();
+        self.seams.sort_unstable();
+    }
+
+    /// How far two slots seen in frame `now` are in one region: the sum over regions of the smaller of the shares of
+    /// the two that lie in it, 0 to 1.
+    pub(crate) fn together(&self, a: u32, b: u32, now: u32) -> f32 {
+        let (na, nb) = (self.pixels_of(a, now), self.pixels_of(b, now));
+        if na == 0 || nb == 0 {
+            return 0.0;
+        }
+        let (a, b) = (self.column[a as usize] as usize, self.column[b as usize] as usize);
+        let share = |row: &[u32]| (row[a] as f32 / na as f32).min(row[b] as f32 / nb as f32);
+        self.table.chunks_exact(self.seen.len()).skip(1).map(share).sum()
     }
 
     /// Pixels of a slot seen in frame `now`.

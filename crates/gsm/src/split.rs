@@ -1,0 +1,213 @@
+//! Splits: a part of a segment that the frames keep setting apart becomes a segment of its own.
+//!
+//! Where two touching regions of a frame are one segment, the surfels of the smaller are tagged. A tag that comes
+//! back with the same surfels gains, one whose surfels lie in one region with the rest of the segment loses; a tag
+//! with enough gain is split off.
+
+use crate::associate::Association;
+use crate::event::SegmentEvent;
+use crate::frame::Frame;
+use crate::store::{Step, Store};
+use crate::surfels::Surfels;
+use crate::vote::Votes;
+use std::collections::BTreeMap;
+
+/// Net sightings of a tag before its surfels are split off.
+const SCORE: i32 = 6;
+/// Tags kept at a time.
+const TAGS: usize = 4096;
+/// Least pixels of a region that may be split off.
+const PIXELS: u32 = 40;
+/// Part of the square root of a region's pixels that its border must have.
+pub(crate) const BORDER: f32 = 0.35;
+/// Label confidence of split surfels.
+const CONFIDENCE: i16 = 4;
+/// Tags that were not confirmed for so many frames are forgotten.
+const FORGET: u32 = 150;
+
+#[derive(Debug, Clone, Copy)]
+struct Tag {
+    score: i32,
+    last: u32,
+}
+
+/// Tags and workspace.
+#[derive(Debug, Default)]
+pub(crate) struct Splits {
+    tags: BTreeMap<u32, Tag>,
+    issued: u32,
+    /// (region, tag) of every pixel whose surfel has the segment of its region.
+    cells: Vec<(u32, u32)>,
+    /// (region, tag, pixels), sorted.
+    counts: Vec<(u32, u32, u32)>,
+}
+
+impl Splits {
+    /// Follows the tags through a frame; splits off what is ripe and gives its region the new segment.
+    pub(crate) fn run(
+        &mut self,
+        step: Step<'_>,
+        association: &Association,
+        votes: &mut Votes,
+        store: &mut Store,
+        events: &mut Vec<SegmentEvent>,
+    ) {
+        let Step { frame, now, .. } = step;
+        let candidates = candidates(frame, votes);
+        if candidates.is_empty() && self.tags.is_empty() {
+            return;
+        }
+        self.count(frame, association, votes, &store.surfels);
+        let mut given = vec![0u32; votes.segment_of.len()];
+        for &region in &candidates {
+            given[region as usize] = self.confirm(region, now);
+        }
+        self.contradict(&given);
+        self.paint(frame, association, votes, &mut store.surfels, &given);
+        for &region in &candidates {
+            let tag = given[region as usize];
+            if self.tags.get(&tag).is_some_and(|t| t.score >= SCORE) {
+                self.tags.remove(&tag);
+                split(votes, store, region, tag, now, events);
+            }
+        }
+        if now.is_multiple_of(FORGET) {
+            self.tags.retain(|_, t| now - t.last <= FORGET);
+        }
+    }
+
+    fn count(&mut self, frame: &Frame, association: &Association, votes: &Votes, surfels: &Surfels) {
+        self.cells.clear();
+        for (&hit, &region) in association.hit.iter().zip(&frame.label) {
+            if hit != 0 && region != 0 {
+                let i = hit as usize - 1;
+                if surfels.hot[i].segment == votes.segment_of[region as usize] {
+                    self.cells.push((region, surfels.cold[i].tag));
+                }
+            }
+        }
+        self.cells.sort_unstable();
+        self.counts.clear();
+        let runs = self.cells.chunk_by(|a, b| a == b).map(|run| (run[0].0, run[0].1, run.len() as u32));
+        self.counts.extend(runs);
+    }
+
+    /// Pixels of a region in all its tags, and of a tag in all regions.
+    fn region_pixels(&self, region: u32) -> u32 {
+        self.counts.iter().filter(|c| c.0 == region).map(|c| c.2).sum()
+    }
+
+    fn tag_pixels(&self, tag: u32) -> u32 {
+        self.counts.iter().filter(|c| c.1 == tag).map(|c| c.2).sum()
+    }
+
+    /// The tag that the region confirms, or a new one; 0 when the table is full.
+    fn confirm(&mut self, region: u32, now: u32) -> u32 {
+        let all = self.region_pixels(region);
+        let best = self
+            .counts
+            .iter()
+            .filter(|c| c.0 == region && c.1 != 0 && self.tags.contains_key(&c.1))
+            .max_by_key(|c| (c.2, std::cmp::Reverse(c.1)));
+        if let Some(&(_, tag, n)) = best
+            && 2 * n >= all
+            && 2 * n >= self.tag_pixels(tag)
+        {
+            if let Some(t) = self.tags.get_mut(&tag) {
+                t.score += 1;
+                t.last = now;
+            }
+            return tag;
+        }
+        if self.tags.len() >= TAGS {
+            return 0;
+        }
+        self.issued += 1;
+        self.tags.insert(self.issued, Tag { score: 1, last: now });
+        self.issued
+    }
+
+    /// Tags whose visible surfels mostly share a region with as many others lose.
+    fn contradict(&mut self, given: &[u32]) {
+        for &(region, tag, n) in &self.counts {
+            if tag == 0 || given[region as usize] == tag || n < PIXELS / 2 || 2 * n < self.tag_pixels(tag) {
+                continue;
+            }
+            if 10 * n > 7 * self.region_pixels(region) {
+                continue;
+            }
+            if let Some(t) = self.tags.get_mut(&tag) {
+                t.score -= 1;
+                if t.score < 0 {
+                    self.tags.remove(&tag);
+                }
+            }
+        }
+    }
+
+    fn paint(
+        &self,
+        frame: &Frame,
+        association: &Association,
+        votes: &Votes,
+        surfels: &mut Surfels,
+        given: &[u32],
+    ) {
+        for m in &association.matches {
+            let region = frame.label[m.pixel as usize] as usize;
+            let own = surfels.hot[m.surfel as usize].segment;
+            if region != 0 && own != 0 && own == votes.segment_of[region] {
+                let tag = given[region];
+                let cold = &mut surfels.cold[m.surfel as usize];
+                if tag != 0 {
+                    cold.tag = tag;
+                } else if cold.tag != 0 && !self.tags.contains_key(&cold.tag) {
+                    cold.tag = 0;
+                }
+            }
+        }
+    }
+}
+
+/// The smaller of every two touching regions that are one segment and share a substantial border.
+fn candidates(frame: &Frame, votes: &Votes) -> Vec<u32> {
+    let mut found = Vec::new();
+    for run in votes.seams.chunk_by(|a, b| a == b) {
+        let (a, b) = run[0];
+        let size = |r: u32| frame.region_size[r as usize];
+        let smaller = if (size(a), b) <= (size(b), a) { a } else { b };
+        let wanted = BORDER * (size(smaller) as f32).sqrt();
+        if size(smaller) >= PIXELS && run.len() as f32 >= wanted {
+            found.push(smaller);
+        }
+    }
+    found.sort_unstable();
+    found.dedup();
+    found
+}
+
+fn split(
+    votes: &mut Votes,
+    store: &mut Store,
+    region: u32,
+    tag: u32,
+    now: u32,
+    events: &mut Vec<SegmentEvent>,
+) {
+    let Store { surfels, segments, .. } = store;
+    let old = votes.segment_of[region as usize];
+    let parts: Vec<u32> = segments.slots[old as usize - 1]
+        .members
+        .iter()
+        .copied()
+        .filter(|&id| surfels.cold[id as usize].tag == tag)
+        .collect();
+    let Some(slot) = segments.open(now, events) else { return };
+    events.push(SegmentEvent::Split { from: segments.id(old - 1), into: segments.id(slot) });
+    for id in parts {
+        segments.relabel(surfels, id, slot + 1);
+        surfels.cold[id as usize].label_confidence = CONFIDENCE;
+        surfels.cold[id as usize].tag = 0;
+    }
+    votes.segment_of[region as usize] = slot + 1;
+}
