@@ -22,7 +22,7 @@ pub struct NodeParams {
 
 impl Default for NodeParams {
     fn default() -> Self {
-        Self { points: 256, box_points: 1024, min_area: 0.015, min_surfels: 48, gap: 0.5 }
+        Self { points: 256, box_points: 1024, min_area: 0.015, min_surfels: 48, gap: 0.35 }
     }
 }
 

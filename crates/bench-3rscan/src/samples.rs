@@ -6,7 +6,7 @@
 use crate::{Error, Surface};
 use agent::{NONE, NodeInput, NodeParams, NodeSet, SAME_PART, integrate};
 use gsm::{Map, SegmentId};
-use nalgebra::{Point3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 use safetensors::tensor::{Dtype, TensorView};
 use scan3r::{Dataset, LabelSet};
 use std::collections::{BTreeMap, BTreeSet};
@@ -76,7 +76,12 @@ impl<'a> Teacher<'a> {
     ///
     /// # Errors
     /// What the data set refuses.
-    pub fn new(data: &dyn Dataset, scan: &str, surface: &'a Surface, labels: LabelSet) -> Result<Self, Error> {
+    pub fn new(
+        data: &dyn Dataset,
+        scan: &str,
+        surface: &'a Surface,
+        labels: LabelSet,
+    ) -> Result<Self, Error> {
         let mut relations: BTreeMap<_, BTreeSet<String>> = BTreeMap::new();
         for r in data.relations(scan)? {
             relations.entry((r.subject, r.object)).or_default().insert(r.predicate);
@@ -133,15 +138,20 @@ impl<'a> Teacher<'a> {
     }
 
     /// The true instances of a map as nodes: its stable surfels, grouped by the instance that is
-    /// nearest to them.
+    /// nearest to them. Nodes stay in the map's frame, whose points `scan_from_map` maps to the scan's.
     ///
     /// # Errors
     /// Surfels without finite coordinates.
-    pub fn instances_of_map(&self, map: &Map, p: &NodeParams) -> Result<NodeSet, Error> {
+    pub fn instances_of_map(
+        &self,
+        map: &Map,
+        scan_from_map: &Isometry3<f32>,
+        p: &NodeParams,
+    ) -> Result<NodeSet, Error> {
         type Points = Vec<(Point3<f32>, Vector3<f32>)>;
         let mut groups: BTreeMap<u32, (Points, f32)> = BTreeMap::new();
         for s in map.surfels().filter(|s| s.stable) {
-            if let Some(i) = self.surface.instance_at(&s.position) {
+            if let Some(i) = self.surface.instance_at(&(scan_from_map * s.position)) {
                 let g = groups.entry(i).or_default();
                 g.0.push((s.position, s.normal));
                 g.1 += 2.0 * s.radius * s.radius;
@@ -186,7 +196,8 @@ pub fn of_visit(
         let set = NodeSet::of_map(&map, &UnitQuaternion::identity(), nodes).map_err(pipeline)?;
         samples.push(teacher.teach(kind, set));
     }
-    samples.push(teacher.teach(Kind::Instances, teacher.instances_of_map(&map, nodes)?));
+    samples
+        .push(teacher.teach(Kind::Instances, teacher.instances_of_map(&map, &Isometry3::identity(), nodes)?));
     samples.retain(|s| !s.set.nodes.is_empty());
     Ok(samples)
 }
@@ -210,7 +221,12 @@ pub fn to_safetensors(samples: &[Sample], points: usize, labels: LabelSet) -> Re
         let ints = |v: &mut dyn Iterator<Item = i64>| v.flat_map(i64::to_le_bytes).collect::<Vec<u8>>();
         let edges = ints(&mut s.set.edges.iter().flatten().map(|&v| v as i64));
         tensors.push((format!("{k}.points"), Dtype::F32, vec![s.set.nodes.len(), points, 6], flat));
-        tensors.push((format!("{k}.classes"), Dtype::I64, vec![s.classes.len()], ints(&mut s.classes.iter().copied())));
+        tensors.push((
+            format!("{k}.classes"),
+            Dtype::I64,
+            vec![s.classes.len()],
+            ints(&mut s.classes.iter().copied()),
+        ));
         tensors.push((format!("{k}.edges"), Dtype::I64, vec![s.set.edges.len(), 2], edges));
         let predicates = ints(&mut s.predicates.iter().copied());
         tensors.push((format!("{k}.predicates"), Dtype::I64, vec![s.predicates.len()], predicates));

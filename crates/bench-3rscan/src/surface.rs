@@ -165,8 +165,7 @@ impl Seen {
 
     /// Seen vertices of each instance, in the scan's own frame.
     #[must_use]
-    pub fn seen_points(&self, surface: &Surface) -> BTreeMap<u32, Vec<Point3<f32>>> {
-        let a = &surface.annotation;
+    pub fn seen_points(&self, a: &Annotation) -> BTreeMap<u32, Vec<Point3<f32>>> {
         let mut out: BTreeMap<u32, Vec<Point3<f32>>> = BTreeMap::new();
         for (v, &hits) in self.hits.iter().enumerate() {
             if hits >= SEEN_HITS && a.instances[v] != 0 {

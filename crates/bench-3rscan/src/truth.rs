@@ -1,9 +1,9 @@
 //! What the merged graph should be (BENCH.md section 2).
 
+use crate::Error;
 use crate::layout::{self, Placement};
 use crate::scenario::Scenario;
 use crate::surface::Seen;
-use crate::{Error, Surface};
 use graph_align::{Box3, LabelId, PredicateId, Vocabulary};
 use nalgebra::{Isometry3, Point3};
 use scan3r::{Dataset, LabelSet, RoomEntry};
@@ -67,7 +67,7 @@ pub struct Truth {
 }
 
 /// What the visits saw of each scan.
-pub type SeenScans = BTreeMap<String, (Surface, Seen)>;
+pub type SeenScans = BTreeMap<String, Seen>;
 
 /// One instance over the scans of its room.
 struct History {
@@ -175,6 +175,8 @@ struct RoomTruth<'a> {
     rounds: usize,
 }
 
+/// Depth samples, points in the reference frame, and the pose that the instance had then.
+type LastSeen = (u64, Vec<Point3<f32>>, Isometry3<f32>);
 type Pairs = BTreeMap<(u32, u32), BTreeSet<String>>;
 
 impl RoomTruth<'_> {
@@ -187,15 +189,16 @@ impl RoomTruth<'_> {
         let mut all: BTreeMap<u32, History> = BTreeMap::new();
         let mut gone = BTreeSet::new();
         // Points of an instance as last seen well, in the reference frame, with its pose then.
-        let mut last_seen: BTreeMap<u32, (u64, Vec<Point3<f32>>, Isometry3<f32>)> = BTreeMap::new();
+        let mut last_seen: BTreeMap<u32, LastSeen> = BTreeMap::new();
         for round in 0..=self.rounds {
-            let Some((surface, seen)) = self.seen.get(self.scan(round)) else { continue };
+            let Some(seen) = self.seen.get(self.scan(round)) else { continue };
+            let annotation = self.data.annotation(self.scan(round))?;
             let reference_from_scan = reference_from(self.entry, round)?;
-            let points = seen.seen_points(surface);
+            let points = seen.seen_points(&annotation);
             if round > 0 {
                 gone.extend(self.entry.scans[round - 1].removed.iter().flatten());
             }
-            for (&id, raw) in &surface.annotation().labels {
+            for (&id, raw) in &annotation.labels {
                 gone.remove(&id);
                 let pose = self.instance_pose(round, id)?;
                 let samples = seen.samples(id);

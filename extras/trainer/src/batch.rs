@@ -8,6 +8,9 @@ use rand_chacha::rand_core::Rng;
 /// Extents and radii below this are taken for this, metres (as in sgfn-infer).
 const MIN_EXTENT: f32 = 1e-3;
 
+/// Share of the pairs without relation that a training step sees.
+pub const KEEP_NONE: f32 = 0.5;
+
 /// Tensors of one step.
 pub struct Batch {
     /// [N * P, C].
@@ -40,9 +43,9 @@ pub fn unit(rng: &mut ChaCha8Rng) -> f32 {
 impl Batch {
     /// Joins graphs. With `augment`: one yaw and perhaps a mirror per graph, sizes scaled by up to
     /// 5 %, `keep` points per node drawn at random; else the first `keep` points, evenly spaced.
-    pub fn new(graphs: &[&Graph], keep: usize, mut augment: Option<Augment<'_>>) -> Result<Self> {
+    pub fn new(graphs: &[&Graph], keep: usize, none: i64, mut augment: Option<Augment<'_>>) -> Result<Self> {
         let (mut points, mut spatial, mut descriptors) = (Vec::<f32>::new(), Vec::<f32>::new(), Vec::new());
-        let (mut index, mut classes, mut predicates) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut index, mut classes, mut predicates) = (Vec::<[usize; 2]>::new(), Vec::<i64>::new(), Vec::new());
         for g in graphs {
             let motion = augment.as_mut().map(|a| {
                 let yaw = unit(a.rng) * std::f32::consts::TAU;
@@ -73,9 +76,17 @@ impl Batch {
                 spatial.extend([d[3], d[4], d[5], d[6], d[7], d[8], d[9].ln(), d[10].ln()]);
                 descriptors.push(d);
             }
-            index.extend(g.edges.iter().map(|e| e.map(|k| base + k)));
+            for (e, &p) in g.edges.iter().zip(&g.predicates) {
+                // Most pairs say `none` (the last output): training sees a part of them, and the loss
+                // weighs them up again.
+                let plain = p < 0 || p == none;
+                if plain && augment.as_mut().is_some_and(|a| unit(a.rng) > KEEP_NONE) {
+                    continue;
+                }
+                index.push(e.map(|k| base + k));
+                predicates.push(p);
+            }
             classes.extend(&g.classes);
-            predicates.extend(&g.predicates);
         }
         let relative: Vec<f32> =
             index.iter().flat_map(|&[i, j]| relative(&descriptors[j], &descriptors[i])).collect();

@@ -35,7 +35,7 @@ struct Args {
     #[arg(long, default_value_t = 128)]
     dim: usize,
     /// Points per node and step.
-    #[arg(long, default_value_t = 96)]
+    #[arg(long, default_value_t = 64)]
     points: usize,
     /// Graphs per step.
     #[arg(long, default_value_t = 4)]
@@ -60,7 +60,8 @@ fn main() -> Result<()> {
     let (k, p) = (train.class_names.len(), train.predicate_names.len());
     eprintln!("{} training graphs, {} validation graphs", train.graphs.len(), validation.graphs.len());
     let wc = class_weights(train.graphs.iter().flat_map(|g| &g.classes), k, a.balance);
-    let wp = class_weights(train.graphs.iter().flat_map(|g| &g.predicates), p, a.balance);
+    let mut wp = class_weights(train.graphs.iter().flat_map(|g| &g.predicates), p, a.balance);
+    wp[p - 1] /= batch::KEEP_NONE;
     let net = Network::new(a.dim, k, p, a.seed)?;
     let mut adam = AdamW::new(&net.vars)?;
     let checkpoint = a.out.join("checkpoint.safetensors");
@@ -72,10 +73,12 @@ fn main() -> Result<()> {
         for i in (1..order.len()).rev() {
             order.swap(i, (rng.next_u64() % (i as u64 + 1)) as usize);
         }
+        // Half-way graphs resemble the final ones: each epoch takes half of them.
+        order.retain(|&g| train.graphs[g].kind != "half" || rng.next_u32() & 1 == 0);
         let (mut sum, mut n) = (0.0, 0.0);
         for chunk in order.chunks(a.batch) {
             let graphs: Vec<&Graph> = chunk.iter().map(|&g| &train.graphs[g]).collect();
-            let b = Batch::new(&graphs, a.points, Some(Augment { rng: &mut rng }))?;
+            let b = Batch::new(&graphs, a.points, p as i64 - 1, Some(Augment { rng: &mut rng }))?;
             let logits = net.forward(&b, &mut Mode { dropout: Some((&mut rng, 0.3)) })?;
             let nodes = cross_entropy(&logits.classes, &b.classes, &wc)?;
             let edges = if b.edges > 0 { cross_entropy(&logits.predicates, &b.predicates, &wp)? } else { None };
@@ -109,7 +112,7 @@ fn sum_of(a: Option<Tensor>, b: Option<Tensor>) -> Result<Option<Tensor>> {
 fn evaluate(net: &Network, v: &Samples) -> Result<(String, String)> {
     let mut tallies: BTreeMap<&str, (Tally, Tally)> = BTreeMap::new();
     for g in v.graphs.iter().filter(|g| g.kind != "half") {
-        let b = Batch::new(&[g], g.per_node, None)?;
+        let b = Batch::new(&[g], g.per_node, -2, None)?;
         let logits = net.forward(&b, &mut Mode { dropout: None })?;
         let t = tallies.entry(if g.kind == "end" { "segments" } else { "instances" }).or_default();
         t.0.add(&logits.classes, &g.classes)?;

@@ -145,10 +145,13 @@ fn shapes(d: usize, classes: usize, predicates: usize) -> Vec<(String, usize, us
         layer("update_node.0", 2 * d, 2 * d);
         layer("update_node.2", 2 * d, d);
     }
-    for (head, out) in [("obj_predictor", classes), ("rel_predictor", predicates)] {
-        add(&format!("{head}.fc1"), d, 512);
-        add(&format!("{head}.fc2"), 512, 256);
-        add(&format!("{head}.fc3"), 256, out);
+    // Narrower heads than the authors' 512 and 256: pairs are many, and the edge head alone would
+    // cost more than the rest of the network.
+    for (head, wide, narrow, out) in [("obj_predictor", 256, 128, classes), ("rel_predictor", 128, 64, predicates)]
+    {
+        add(&format!("{head}.fc1"), d, wide);
+        add(&format!("{head}.fc2"), wide, narrow);
+        add(&format!("{head}.fc3"), narrow, out);
     }
     v
 }

@@ -46,7 +46,9 @@ impl Args {
         let scans: Vec<&str> = world
             .rooms()
             .iter()
-            .flat_map(|r| std::iter::once(r.reference.as_str()).chain(r.scans.iter().take(1).map(|s| s.id.as_str())))
+            .flat_map(|r| {
+                std::iter::once(r.reference.as_str()).chain(r.scans.iter().take(1).map(|s| s.id.as_str()))
+            })
             .collect();
         let progress = Progress::new("scans sampled", scans.len() as u64);
         let shards: Vec<&[&str]> = scans.chunks(SHARD).collect();

@@ -1,0 +1,229 @@
+//! One visit: frames in, local graphs out. Computed once and charged to every system that makes
+//! this visit.
+
+use super::rules::{majority_scores, rule_scores};
+use crate::samples::{Kind, Teacher};
+use crate::scenario::Visit;
+use crate::surface::Seen;
+use crate::systems::AgentFrames;
+use crate::{Error, Surface};
+use agent::{GraphParams, NodeSet, Robot, RobotParams, Scores, build_graph};
+use graph_align::{NodeId, SceneGraph, Vocabulary};
+use nalgebra::Isometry3;
+use scan3r::{Dataset, LabelSet};
+use sgfn_infer::{EdgeScores, Graph, Model};
+use std::collections::BTreeMap;
+
+/// Who labelled the nodes of a local graph.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Variant {
+    /// The network.
+    Network,
+    /// Plane and height rules.
+    Rules,
+    /// The commonest answer.
+    Majority,
+    /// The truth, on our segments.
+    OracleLabels,
+    /// The network, on true segments.
+    OracleSegments,
+}
+
+/// How visits are computed.
+pub struct LocalParams<'a> {
+    /// The robot.
+    pub robot: RobotParams,
+    /// Weights.
+    pub model: &'a Model,
+    /// Label set.
+    pub labels: LabelSet,
+    /// Names of classes and predicates; fixed.
+    pub vocabulary: &'a Vocabulary,
+    /// Which graphs are wanted; the network's is always made.
+    pub variants: Vec<Variant>,
+    /// Clocks.
+    pub clocks: Clocks,
+}
+
+/// Clocks are handed in: the binary owns them.
+#[derive(Clone, Copy)]
+pub struct Clocks {
+    /// CPU seconds of the calling thread.
+    pub cpu: fn() -> f64,
+    /// Wall-clock seconds since any moment.
+    pub wall: fn() -> f64,
+}
+
+/// What a visit gave. Node ids start at 0, times at the visit's start.
+#[derive(Clone, Debug)]
+pub struct Local {
+    /// In the visit's frame, quantised as it travels.
+    pub graphs: BTreeMap<Variant, SceneGraph>,
+    /// The instance that each node of the network's graph mostly shows; 0 = none.
+    pub instances: BTreeMap<NodeId, u32>,
+    /// What its depth samples fell on.
+    pub seen: Seen,
+    /// CPU seconds of segmentation, inference and graph.
+    pub cpu_s: f64,
+    /// CPU seconds of rendering or decoding.
+    pub world_s: f64,
+    /// Wall-clock seconds of all of it.
+    pub wall_s: f64,
+    /// Frames.
+    pub frames: u32,
+}
+
+/// Runs one visit. `domain_from_scan` is layout x `T_reference_scan`.
+///
+/// # Errors
+/// What the data set or the pipeline refuses.
+pub fn run_visit(
+    data: &dyn Dataset,
+    visit: &Visit,
+    surface: &Surface,
+    domain_from_scan: &Isometry3<f32>,
+    frames: &AgentFrames,
+    p: &LocalParams<'_>,
+) -> Result<Local, Error> {
+    let pipeline = |e: agent::Error| Error::Pipeline(format!("scan {}: {e}", visit.scan));
+    let frame_from_scan = frames.frame_from_domain(visit) * domain_from_scan;
+    let mut walk = frames.walk(visit);
+    let wall = (p.clocks.wall)();
+    let mut robot = Robot::new(p.model, p.robot.clone()).map_err(pipeline)?;
+    let mut seen = Seen::new(surface);
+    let (mut cpu_s, mut world_s, mut count) = (0.0, 0.0, 0);
+    let mut stream = data.frames(&visit.scan, visit.pass)?;
+    let mut position = 0;
+    loop {
+        let start = (p.clocks.cpu)();
+        let Some(frame) = stream.next() else { break };
+        let mut frame = frame?;
+        position += 1;
+        if position <= visit.frames.start {
+            continue;
+        }
+        if position > visit.frames.end {
+            break;
+        }
+        seen.observe(surface, &frame);
+        frame.world_from_camera = frame.world_from_camera.map(|pose| {
+            let pose = frame_from_scan * pose;
+            walk.as_mut().map_or(pose, |w| w.believed(pose))
+        });
+        let ready = (p.clocks.cpu)();
+        world_s += ready - start;
+        robot.segment(&frame);
+        if robot.inference_is_due() {
+            robot.infer().map_err(pipeline)?;
+        }
+        cpu_s += (p.clocks.cpu)() - ready;
+        count += 1;
+    }
+    let start = (p.clocks.cpu)();
+    robot.infer().map_err(pipeline)?;
+    let set = robot.nodes().map_err(pipeline)?;
+    let scores = robot.scores(&set);
+    let (network, node_of) = graph_of(&set, &scores, p)?;
+    cpu_s += (p.clocks.cpu)() - start;
+    let scan_from_frame = frame_from_scan.inverse();
+    let teacher = Teacher::new(data, &visit.scan, surface, p.labels)?;
+    let in_scan = moved(&set, &scan_from_frame);
+    let taught = teacher.teach(Kind::End, in_scan);
+    let mut graphs = BTreeMap::from([(Variant::Network, network.quantised())]);
+    for &v in p.variants.iter().filter(|v| **v != Variant::Network) {
+        let graph = match v {
+            Variant::Network => continue,
+            Variant::Rules => graph_of(&set, &rule_scores(&set, p.labels), p)?.0,
+            Variant::Majority => graph_of(&set, &majority_scores(&set, p.labels), p)?.0,
+            Variant::OracleLabels => graph_of(&set, &taught_scores(&taught, p.labels), p)?.0,
+            Variant::OracleSegments => true_segments(&robot, &teacher, &frame_from_scan, p)?,
+        };
+        graphs.insert(v, graph.quantised());
+    }
+    let instances = instances_of(&network, &set, &node_of, &taught.instances);
+    let wall_s = (p.clocks.wall)() - wall;
+    Ok(Local { graphs, instances, seen, cpu_s, world_s, wall_s, frames: count })
+}
+
+fn graph_of(
+    set: &NodeSet,
+    scores: &Scores,
+    p: &LocalParams<'_>,
+) -> Result<(SceneGraph, Vec<Option<NodeId>>), Error> {
+    let (classes, predicates) = crate::samples::output_names(p.labels);
+    let g = GraphParams {
+        multi: p.model.config().edge_scores == EdgeScores::Multi,
+        first_id: 0,
+        time: 0.0,
+        ..p.robot.graph.clone()
+    };
+    let mut vocabulary = p.vocabulary.clone();
+    build_graph(set, scores, &classes, &predicates, &mut vocabulary, &g)
+        .map_err(|e| Error::Pipeline(e.to_string()))
+}
+
+/// The node set with its points in another frame; boxes stay.
+fn moved(set: &NodeSet, t: &Isometry3<f32>) -> NodeSet {
+    let mut out = set.clone();
+    for (p, n) in out.nodes.iter_mut().flat_map(|n| &mut n.points) {
+        (*p, *n) = (t * *p, t.rotation * *n);
+    }
+    out
+}
+
+/// One-hot scores of the truth; what has none becomes `none`.
+fn taught_scores(s: &crate::samples::Sample, labels: LabelSet) -> Scores {
+    let (classes, predicates) = crate::samples::output_names(labels);
+    let hot = |k: i64, n: usize| {
+        let mut v = vec![0.0; n];
+        v[usize::try_from(k).unwrap_or(n - 1)] = 1.0;
+        v
+    };
+    Scores {
+        classes: s.classes.iter().map(|&k| hot(k, classes.len())).collect(),
+        predicates: s.predicates.iter().map(|&k| hot(k, predicates.len())).collect(),
+    }
+}
+
+/// The network on the true instances' surfels.
+fn true_segments(
+    robot: &Robot<'_>,
+    teacher: &Teacher<'_>,
+    frame_from_scan: &Isometry3<f32>,
+    p: &LocalParams<'_>,
+) -> Result<SceneGraph, Error> {
+    let pipeline = |e: agent::Error| Error::Pipeline(e.to_string());
+    let scan_from_frame = frame_from_scan.inverse();
+    let set = teacher.instances_of_map(robot.map(), &scan_from_frame, &p.robot.nodes)?;
+    let channels = p.model.config().channels;
+    let segments =
+        set.nodes.iter().map(|n| n.segment(channels)).collect::<Result<Vec<_>, _>>().map_err(pipeline)?;
+    let out = p
+        .model
+        .infer(&Graph { segments: &segments, edges: &set.edges })
+        .map_err(|e| Error::Pipeline(e.to_string()))?;
+    let (c, q) = (out.class_probabilities(), out.predicate_probabilities());
+    let scores = Scores {
+        classes: (0..c.rows()).map(|k| c.row(k).to_vec()).collect(),
+        predicates: (0..q.rows()).map(|k| q.row(k).to_vec()).collect(),
+    };
+    Ok(graph_of(&set, &scores, p)?.0)
+}
+
+/// The instance of a node is that of its largest segment.
+fn instances_of(
+    graph: &SceneGraph,
+    set: &NodeSet,
+    node_of: &[Option<NodeId>],
+    instances: &[u32],
+) -> BTreeMap<NodeId, u32> {
+    let mut best: BTreeMap<NodeId, (u32, u32)> = graph.nodes().map(|n| (n.id, (0, 0))).collect();
+    for ((n, id), &instance) in set.nodes.iter().zip(node_of).zip(instances) {
+        if let Some(b) = id.as_ref().and_then(|id| best.get_mut(id))
+            && n.surfels > b.0
+        {
+            *b = (n.surfels, instance);
+        }
+    }
+    best.into_iter().map(|(id, (_, i))| (id, i)).collect()
+}

@@ -1,0 +1,232 @@
+//! Several agents: observations travel, every replica folds the same set.
+
+use super::{AgentFrames, Clocks, Exchange, Local, Made, System, oracle};
+use crate::Error;
+use crate::scenario::{FramesMode, Plan, Visit};
+use fleet::{LinkParams, Network};
+use graph_align::{Algorithm, Edge, Folded, Key, Node, NodeId, Observation, Params, SceneGraph, Vocabulary};
+use nalgebra::{Isometry3, Point3};
+use scan3r::RoomEntry;
+
+/// What multi-agent systems share.
+pub struct MultiParams<'a> {
+    /// The paper's thresholds and readings.
+    pub align: Params,
+    /// Loss and delay.
+    pub link: LinkParams,
+    /// Agents' frames.
+    pub frames: AgentFrames,
+    /// Their mode.
+    pub mode: FramesMode,
+    /// Names; fixed.
+    pub vocabulary: &'a Vocabulary,
+    /// Changes between scans, for the oracle.
+    pub rooms: &'a [RoomEntry],
+    /// Middles of the rooms in the domain frame.
+    pub middles: &'a [Point3<f32>],
+    /// Root seed.
+    pub seed: u64,
+    /// Clocks.
+    pub clocks: Clocks,
+}
+
+/// Runs a multi-agent system. `locals` are in the order of `plan.visits`.
+///
+/// # Errors
+/// Observations that do not fit a frame.
+pub fn multi_agent(
+    system: System,
+    plan: &Plan,
+    locals: &[&Local],
+    p: &MultiParams<'_>,
+) -> Result<Made, Error> {
+    let mut params = p.align.clone();
+    params.algorithm = if system == System::Append { Algorithm::Append } else { Algorithm::Paper };
+    if matches!(p.mode, FramesMode::Unknown | FramesMode::UnknownVisit) {
+        params.paper.transform = graph_align::paper::TransformReading::FitMap;
+    }
+    let mut made = Made { visits: plan.visits.len(), ..Made::default() };
+    let mut work = vec![0.0; plan.agents];
+    let mut frames = vec![0_u64; plan.agents];
+    for (v, local) in plan.visits.iter().zip(locals) {
+        work[v.agent] += local.cpu_s;
+        frames[v.agent] += u64::from(local.frames);
+        made.world_s += local.world_s;
+        made.total_wall_s += local.wall_s;
+    }
+    made.frames = frames.iter().sum();
+    made.frames_max_agent = frames.iter().copied().max().unwrap_or(0);
+
+    let wall = (p.clocks.wall)();
+    let (net, codec_s) = exchange(plan, locals, p)?;
+    work.iter_mut().zip(&codec_s).for_each(|(w, c)| *w += c);
+    let (graph, mut exchange) = if system == System::Oracle {
+        let start = (p.clocks.cpu)();
+        let graph = oracle::merge(plan, locals, p.rooms);
+        let align_s = (p.clocks.cpu)() - start;
+        (
+            graph,
+            Exchange {
+                align_s,
+                align_s_all: align_s * plan.agents as f64,
+                replicas_equal: true,
+                ..Exchange::default()
+            },
+        )
+    } else {
+        fold_all(plan, &net, &params, p)
+    };
+    let folding = exchange.align_s + exchange.refold_s;
+    exchange.bytes = (0..plan.agents).map(|a| net.traffic(a).sent).collect();
+    exchange.copies = (0..plan.agents).map(|a| net.traffic(a).copies).collect();
+    exchange.wire = net.frames().to_vec();
+    made.graph = graph;
+    made.total_cpu_s = work.iter().fold(0.0_f64, |m, w| m.max(*w)) + folding;
+    made.total_wall_s += (p.clocks.wall)() - wall;
+    made.exchange = Some(exchange);
+    Ok(made)
+}
+
+/// Publishes every visit's graph at its end; agents sync at the end of their visits, and once more
+/// when all is over. Beside it the CPU seconds of each agent's codec.
+fn exchange(plan: &Plan, locals: &[&Local], p: &MultiParams<'_>) -> Result<(Network, Vec<f64>), Error> {
+    let seed = rand_chacha::rand_core::Rng::next_u64(&mut crate::seeds::stream(p.seed, "network", &[]));
+    let mut net = Network::new(plan.agents, p.vocabulary.clone(), p.link, seed);
+    let mut by_end: Vec<usize> = (0..plan.visits.len()).collect();
+    by_end.sort_by(|&a, &b| plan.visits[a].end().total_cmp(&plan.visits[b].end()).then(a.cmp(&b)));
+    let mut codec_s = vec![0.0; plan.agents];
+    let mut last = 0;
+    for k in by_end {
+        let v = &plan.visits[k];
+        let now = ds(v.end());
+        let start = (p.clocks.cpu)();
+        net.publish(now, observation(v, locals[k], &p.frames))?;
+        net.sync(now, v.agent)?;
+        codec_s[v.agent] += (p.clocks.cpu)() - start;
+        last = last.max(now);
+    }
+    net.finish(last)?;
+    Ok((net, codec_s))
+}
+
+fn ds(seconds: f64) -> u32 {
+    (seconds * 10.0).round() as u32
+}
+
+/// The observation of a visit. Node ids hold agent, visit and node, so they are unique in the fleet.
+fn observation(v: &Visit, local: &Local, frames: &AgentFrames) -> Observation {
+    let base = (v.agent as u64) << 48 | u64::from(v.seq) << 24;
+    let id = |n: NodeId| NodeId(base + n.0);
+    let local_graph = &local.graphs[&super::Variant::Network];
+    let mut graph = SceneGraph::default();
+    for n in local_graph.nodes() {
+        graph.insert_node(Node { id: id(n.id), last_seen: v.end(), ..n.clone() });
+    }
+    for e in local_graph.edges() {
+        // Both ends were just inserted.
+        let _ = graph.insert_edge(Edge { s: id(e.s), t: id(e.t), ..e });
+    }
+    let key = Key { start_ds: ds(v.start), agent: v.agent as u16, epoch: 0, seq: v.seq };
+    Observation { key, end_ds: ds(v.end()), frame: frames.number(v), graph: graph.quantised() }
+}
+
+/// Folds every replica; the scored graph is agent 0's, in the domain frame.
+fn fold_all(plan: &Plan, net: &Network, params: &Params, p: &MultiParams<'_>) -> (SceneGraph, Exchange) {
+    let mut times = Vec::with_capacity(plan.agents);
+    let mut first: Option<Folded> = None;
+    let mut equal = true;
+    for agent in 0..plan.agents {
+        let start = (p.clocks.cpu)();
+        let folded = net.replica(agent).fold(params);
+        times.push((p.clocks.cpu)() - start);
+        match &first {
+            None => first = Some(folded),
+            Some(f) => equal &= *f == folded,
+        }
+    }
+    let folded = first.unwrap_or_default();
+    let exchange = Exchange {
+        align_s: times.first().copied().unwrap_or(0.0),
+        align_s_all: times.iter().sum(),
+        refold_s: refold(plan, net, params, p.clocks.cpu),
+        replicas_equal: equal,
+        links: links(plan, &folded, p),
+        ..Exchange::default()
+    };
+    (in_domain(plan, &folded, p), exchange)
+}
+
+/// What agent 0 spends on folding anew at its own visits' ends because observations arrived that
+/// sort before ones it had folded.
+fn refold(plan: &Plan, net: &Network, params: &Params, clock: fn() -> f64) -> f64 {
+    let all: Vec<&Observation> = net.replica(0).observations().collect();
+    let mut known: Vec<Key> = Vec::new();
+    let mut spent = 0.0;
+    for v in plan.visits.iter().filter(|v| v.agent == 0) {
+        let now = ds(v.end());
+        let there: Vec<&&Observation> = all.iter().filter(|o| o.end_ds <= now).collect();
+        let late = there.iter().any(|o| !known.contains(&o.key) && known.last().is_some_and(|l| o.key < *l));
+        if late {
+            let start = clock();
+            let mut again = Folded::default();
+            there.iter().for_each(|o| again.push(o, params));
+            spent += clock() - start;
+        }
+        known = there.iter().map(|o| o.key).collect();
+    }
+    spent
+}
+
+/// The largest component, carried into the domain frame by the true transform of its oldest frame;
+/// other components stay where they are and count as false.
+fn in_domain(plan: &Plan, folded: &Folded, p: &MultiParams<'_>) -> SceneGraph {
+    let Some(main) = folded
+        .components
+        .iter()
+        .max_by(|a, b| a.graph.len().cmp(&b.graph.len()).then(std::cmp::Ordering::Greater))
+    else {
+        return SceneGraph::default();
+    };
+    let visit_of = |frame: u32| plan.visits.iter().find(|v| p.frames.number(v) == frame);
+    let oldest = main.frames.iter().find(|(_, t)| **t == Isometry3::identity()).map_or(0, |(f, _)| *f);
+    let t = visit_of(oldest)
+        .filter(|_| matches!(p.mode, FramesMode::Unknown | FramesMode::UnknownVisit))
+        .map_or_else(Isometry3::identity, |v| p.frames.frame_from_domain(v).inverse());
+    let mut graph = graph_align::append(&SceneGraph::default(), &main.graph, &t);
+    for c in folded.components.iter().filter(|c| !std::ptr::eq(*c, main)) {
+        // Far below the domain: no true node is near.
+        let away = Isometry3::translation(0.0, 0.0, -1000.0);
+        graph = graph_align::append(&graph, &c.graph, &away);
+    }
+    graph
+}
+
+/// Pairs of agents with a common room: found (in one component, within 5 degrees and 0.5 m of the
+/// true transform), true (all such pairs), wrong (in one component, farther off).
+fn links(plan: &Plan, folded: &Folded, p: &MultiParams<'_>) -> Option<[usize; 3]> {
+    if p.mode != FramesMode::Unknown {
+        return None;
+    }
+    let first = |agent: usize| plan.visits.iter().find(|v| v.agent == agent);
+    let mut out = [0; 3];
+    for a in 0..plan.agents {
+        for b in a + 1..plan.agents {
+            let rooms = |k: usize| plan.visits.iter().filter(move |v| v.agent == k).map(|v| v.room);
+            let Some(room) = rooms(a).find(|r| rooms(b).any(|s| s == *r)) else { continue };
+            let (Some(va), Some(vb)) = (first(a), first(b)) else { continue };
+            out[1] += 1;
+            let (fa, fb) = (p.frames.number(va), p.frames.number(vb));
+            let found = folded.components.iter().find_map(|c| Some((c.frames.get(&fa)?, c.frames.get(&fb)?)));
+            let Some((ca, cb)) = found else { continue };
+            // Where the shared room's middle lands in a's frame, against where it should.
+            let b_from_domain = p.frames.frame_from_domain(vb);
+            let truth = p.frames.frame_from_domain(va) * b_from_domain.inverse();
+            let estimate = ca.inverse() * cb;
+            let middle = b_from_domain * p.middles[room];
+            let close = (truth.inverse() * estimate).rotation.angle().to_degrees() < 5.0
+                && (estimate * middle - truth * middle).norm() < 0.5;
+            out[if close { 0 } else { 2 }] += 1;
+        }
+    }
+    Some(out)
+}
