@@ -87,6 +87,7 @@ pub(crate) struct Sensor {
     lengths: Vec<f32>,
     bytes: Vec<u8>,
     blocks: Vec<u8>,
+    normal: &'static [f32],
 }
 
 impl Sensor {
@@ -104,6 +105,7 @@ impl Sensor {
             lengths,
             bytes: vec![0; k.len() * 4],
             blocks: vec![0; blocks],
+            normal: &NORMAL,
         }
     }
 
@@ -148,7 +150,7 @@ impl Sensor {
             let block = blocks[u / BLOCK];
             let Some(d) = self.pixel(z, z * length, cosine, albedo, bits, block) else { continue };
             let d = self.edge(image, u, v, d, bits[3]) * bias;
-            out[u] = if self.params.quantise { (d * 1000.0) as u16 as f32 / 1000.0 } else { d };
+            out[u] = if self.params.quantise { (d * 1000.0 + 0.5) as u16 as f32 / 1000.0 } else { d };
         }
     }
 
@@ -164,6 +166,7 @@ impl Sensor {
     }
 
     /// One pixel's depth with noise, unless too little light comes back.
+    #[inline]
     fn pixel(&self, z: f32, range: f32, cosine: f32, albedo: f32, bits: &[u8], block: u8) -> Option<f32> {
         let p = &self.params;
         if range < p.range[0] || range > p.range[1] + 0.8 {
@@ -181,7 +184,7 @@ impl Sensor {
         }
         let index = (usize::from(bits[0]) | usize::from(bits[1]) << 8) & 4095;
         let weak = 1.0 + (0.25 - light).max(0.0) * 3.0;
-        Some(z + (p.sigma[0] + p.sigma[1] * (z - 1.0).max(0.0)) * weak * z.max(0.5) * NORMAL[index])
+        Some(z + (p.sigma[0] + p.sigma[1] * (z - 1.0).max(0.0)) * weak * z.max(0.5) * self.normal[index])
     }
 
     /// At a depth edge a pixel flies, is lost, or holds. Steep surfaces are no edges.
