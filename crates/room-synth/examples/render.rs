@@ -6,7 +6,7 @@
 #![allow(clippy::print_stdout, clippy::disallowed_methods, reason = "an example prints and measures")]
 
 use nalgebra::Point3;
-use room_synth::{PHONE, Split, World, WorldParams};
+use room_synth::{PHONE, SensorParams, Split, World, WorldParams};
 use scan3r::{Dataset as _, Frame};
 use std::path::Path;
 use std::time::Instant;
@@ -40,6 +40,11 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         frames.len(),
         1000.0 * start.elapsed().as_secs_f64() / frames.len() as f64
     );
+    let clean = WorldParams { sensor: SensorParams::clean(), ..WorldParams::default() };
+    let bare = World::new(split, seed, room + 1, &clean);
+    let start = Instant::now();
+    let n = bare.frames(&scan.id, 0)?.count();
+    println!("{:.3} ms each without a sensor", 1000.0 * start.elapsed().as_secs_f64() / n as f64);
     let start = Instant::now();
     let annotation = world.annotation(&scan.id)?;
     println!(

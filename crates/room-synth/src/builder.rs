@@ -79,7 +79,7 @@ impl Builder {
         let mut size = mean;
         for (k, extent) in size.iter_mut().enumerate() {
             // Heights follow people and vary less.
-            let sd = if k == 2 { 0.62 * spread } else { spread };
+            let sd = if k == 2 { 0.78 * spread } else { spread };
             *extent *= (1.75 * sd * (2.0 * split.position(draw) - 1.0)).exp();
         }
         if matches!(

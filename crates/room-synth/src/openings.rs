@@ -37,7 +37,7 @@ pub(crate) fn doors(b: &mut Builder, mean: f32) {
     for _ in 0..count(b, mean) {
         let [w, _, h] = b.fresh(Family::Door, [0.84, 0.1, 1.98], 0.2).size;
         let w = if b.draw.chance(0.12) { 1.6 * w } else { w };
-        let h = (2.0 * (h / 1.98).sqrt()).min(b.plan.height - 0.08);
+        let h = (h * 0.97).clamp(1.4, b.plan.height - 0.08);
         if cut(b, w, 0.0, h).is_some()
             && let Some((pose, line_thick)) = last_hole(b, w)
         {

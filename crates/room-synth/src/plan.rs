@@ -123,7 +123,7 @@ impl Plan {
             let inward = Vector2::new(-along.y, along.x);
             let thickness = 0.05 + 0.3 * draw.unit() * draw.unit();
             let cut = draw
-                .chance(0.17)
+                .chance(0.27)
                 .then(|| if draw.chance(0.5) { draw.range(0.8, 1.5) } else { draw.range(1.5, 2.1) });
             let line = |a, b| WallLine { a, b, inward, holes: Vec::new(), open: false, thickness, cut };
             let length = (b - a).norm();
@@ -134,7 +134,7 @@ impl Plan {
                 walls.push(line(a, b));
             }
         }
-        let open = draw.weighted([0.42, 0.36, 0.22].into_iter());
+        let open = draw.weighted([0.32, 0.38, 0.3].into_iter());
         for _ in 0..open {
             let k = draw.below(walls.len());
             walls[k].open = true;

@@ -162,7 +162,7 @@ fn shift_all(b: &mut Builder) {
 fn turn(draw: &mut Draw) -> f32 {
     let edges =
         [[0.0, 5.0], [5.0, 15.0], [15.0, 30.0], [30.0, 60.0], [60.0, 90.0], [90.0, 135.0], [135.0, 180.0]];
-    let [low, high] = edges[draw.weighted([0.27, 0.245, 0.125, 0.125, 0.08, 0.075, 0.08].into_iter())];
+    let [low, high] = edges[draw.weighted([0.25, 0.235, 0.125, 0.13, 0.085, 0.08, 0.095].into_iter())];
     let angle = draw.range(low, high).to_radians();
     if draw.chance(0.5) { angle } else { -angle }
 }

@@ -81,19 +81,32 @@ const BLOCK: usize = 4;
 pub(crate) struct Sensor {
     params: SensorParams,
     intrinsics: Intrinsics,
-    /// Viewing ray per column and per row, and 1 / length of the ray per pixel.
+    /// Viewing ray (x, y, 1): x per column, y per row, its length per pixel.
     columns: Vec<f32>,
     rows: Vec<f32>,
+    lengths: Vec<f32>,
     bytes: Vec<u8>,
     blocks: Vec<u8>,
+    normal: &'static [f32],
 }
 
 impl Sensor {
     pub(crate) fn new(params: SensorParams, k: Intrinsics) -> Self {
-        let columns = (0..k.width).map(|u| (u as f32 - k.cx) / k.fx).collect();
-        let rows = (0..k.height).map(|v| (v as f32 - k.cy) / k.fy).collect();
+        let columns: Vec<f32> = (0..k.width).map(|u| (u as f32 - k.cx) / k.fx).collect();
+        let rows: Vec<f32> = (0..k.height).map(|v| (v as f32 - k.cy) / k.fy).collect();
+        let lengths =
+            rows.iter().flat_map(|y| columns.iter().map(move |x| (x * x + y * y + 1.0).sqrt())).collect();
         let blocks = (k.width as usize / BLOCK + 1) * (k.height as usize / BLOCK + 1);
-        Self { params, intrinsics: k, columns, rows, bytes: vec![0; k.len() * 4], blocks: vec![0; blocks] }
+        Self {
+            params,
+            intrinsics: k,
+            columns,
+            rows,
+            lengths,
+            bytes: vec![0; k.len() * 4],
+            blocks: vec![0; blocks],
+            normal: &NORMAL,
+        }
     }
 
     /// The measured depth, metres.
@@ -103,39 +116,42 @@ impl Sensor {
         }
         draw.fill(&mut self.bytes);
         draw.fill(&mut self.blocks);
-        let (w, h) = (self.intrinsics.width as usize, self.intrinsics.height as usize);
-        let mut out = vec![0.0; w * h];
         let bias = 1.0 + 0.0015 * draw.normal();
-        let mut last = (u32::MAX, (0.0, Vector3::zeros()));
-        for v in 0..h {
-            for u in 0..w {
-                let at = v * w + u;
-                let inverse = image.inverse[at];
-                if inverse <= 0.0 {
-                    continue;
-                }
-                let t = image.triangle[at];
-                if last.0 != t {
-                    last = (t, (scene.surface(t).1, image.normals[t as usize]));
-                }
-                let (albedo, n) = last.1;
-                let block = self.blocks[v / BLOCK * (w / BLOCK + 1) + u / BLOCK];
-                let bits = &self.bytes[4 * at..4 * at + 4];
-                let ray = Vector3::new(self.columns[u], self.rows[v], 1.0);
-                let z = 1.0 / inverse;
-                let length = ray.norm_squared().sqrt();
-                let cosine = -n.dot(&ray) / length;
-                if let Some(d) = self.pixel(z, z * length, cosine, albedo, bits, block) {
-                    out[at] = self.edge(image, at, u, v, d, inverse, bits[3]) * bias;
-                }
-            }
-        }
-        if self.params.quantise {
-            for d in &mut out {
-                *d = ((*d * 1000.0) as u16 as f32) / 1000.0;
-            }
+        let w = self.intrinsics.width as usize;
+        let mut out = vec![0.0; self.intrinsics.len()];
+        for (v, row) in out.chunks_exact_mut(w).enumerate() {
+            self.row(image, scene, v, bias, row);
         }
         out
+    }
+
+    /// One row of the image.
+    fn row(&self, image: &Image, scene: &Scene, v: usize, bias: f32, out: &mut [f32]) {
+        let w = out.len();
+        let span = v * w..(v + 1) * w;
+        let (inverse, triangles) = (&image.inverse[span.clone()], &image.triangle[span.clone()]);
+        let (words, lengths) = (&self.bytes[4 * v * w..4 * (v + 1) * w], &self.lengths[span]);
+        let blocks = &self.blocks[v / BLOCK * (w / BLOCK + 1)..];
+        let mut last = u32::MAX;
+        // Albedo, and the plane that gives minus the cosine of incidence times the ray's length.
+        let (mut albedo, mut slope, mut base) = (0.0, 0.0, 0.0);
+        let pixels = inverse.iter().zip(triangles).zip(words.chunks_exact(4)).zip(lengths).zip(&self.columns);
+        for (u, ((((&i, &t), bits), &length), &x)) in pixels.enumerate() {
+            if i <= 0.0 {
+                continue;
+            }
+            if last != t {
+                let n = image.normals[t as usize];
+                (albedo, slope, base) = (scene.surface(t).1, -n.x, -(n.y * self.rows[v] + n.z));
+                last = t;
+            }
+            let z = 1.0 / i;
+            let cosine = (base + slope * x) / length;
+            let block = blocks[u / BLOCK];
+            let Some(d) = self.pixel(z, z * length, cosine, albedo, bits, block) else { continue };
+            let d = self.edge(image, u, v, d, bits[3]) * bias;
+            out[u] = if self.params.quantise { (d * 1000.0 + 0.5) as u16 as f32 / 1000.0 } else { d };
+        }
     }
 
     fn clean(&self, image: &Image) -> Vec<f32> {
@@ -150,6 +166,7 @@ impl Sensor {
     }
 
     /// One pixel's depth with noise, unless too little light comes back.
+    #[inline]
     fn pixel(&self, z: f32, range: f32, cosine: f32, albedo: f32, bits: &[u8], block: u8) -> Option<f32> {
         let p = &self.params;
         if range < p.range[0] || range > p.range[1] + 0.8 {
@@ -162,26 +179,32 @@ impl Sensor {
             + ((range - p.range[1]) * 1.25).max(0.0);
         let chance = f32::from(block) * 0.6 + f32::from(bits[2]) * 0.4;
         // Speckle: a little is always lost.
-        if chance < 255.0 * p.loss * dark || bits[2] < (3.0 * p.loss) as u8 {
+        if dark > 0.0 && chance < 255.0 * p.loss * dark || f32::from(bits[2]) < 3.0 * p.loss {
             return None;
         }
         let index = (usize::from(bits[0]) | usize::from(bits[1]) << 8) & 4095;
         let weak = 1.0 + (0.25 - light).max(0.0) * 3.0;
-        Some(z + (p.sigma[0] + p.sigma[1] * (z - 1.0).max(0.0)) * weak * z.max(0.5) * NORMAL[index])
+        Some(z + (p.sigma[0] + p.sigma[1] * (z - 1.0).max(0.0)) * weak * z.max(0.5) * self.normal[index])
     }
 
-    /// At a depth edge a pixel flies, is lost, or holds.
-    fn edge(&self, image: &Image, at: usize, u: usize, v: usize, d: f32, inverse: f32, bits: u8) -> f32 {
+    /// At a depth edge a pixel flies, is lost, or holds. Steep surfaces are no edges.
+    fn edge(&self, image: &Image, u: usize, v: usize, d: f32, bits: u8) -> f32 {
         let (w, h) = (self.intrinsics.width as usize, self.intrinsics.height as usize);
+        let at = v * w + u;
         if u == 0 || v == 0 || u + 1 == w || v + 1 == h {
             return d;
         }
-        let jump = |j: usize| (image.inverse[j] - inverse).abs() > 0.06 * inverse && image.inverse[j] > 0.0;
-        let Some(j) = [at - 1, at + 1, at - w, at + w].into_iter().find(|&j| jump(j)) else { return d };
-        // Steep surfaces are no edges.
-        if image.triangle[j] == image.triangle[at] {
+        let t = image.triangle[at];
+        let near = [at - 1, at + 1, at - w, at + w];
+        if near.iter().all(|&j| image.triangle[j] == t) {
             return d;
         }
+        let own = image.inverse[at];
+        let jump = |j: usize| {
+            let i = image.inverse[j];
+            image.triangle[j] != t && i > 0.0 && (i - own).abs() > 0.06 * own
+        };
+        let Some(j) = near.into_iter().find(|&j| jump(j)) else { return d };
         let roll = f32::from(bits) / 256.0;
         let p = &self.params;
         if roll < p.edge_loss {
