@@ -26,6 +26,8 @@ pub(crate) struct Frame {
     pub(crate) z: Vec<f32>,
     /// Its inverse (linear over the image on a plane), 0 = invalid.
     pub(crate) inverse: Vec<f32>,
+    /// Sigma of the inverse depth.
+    pub(crate) slack: Vec<f32>,
     /// [`RIGHT`] and [`DOWN`] bits.
     pub(crate) links: Vec<u8>,
     /// Unbroken reach left, right, up, down within the window, pixels.
@@ -84,6 +86,7 @@ impl Frame {
         let n = w * h;
         self.z = vec![0.0; n];
         self.inverse = vec![0.0; n];
+        self.slack = vec![0.0; n];
         self.links = vec![0; n];
         self.arms = vec![[0; 4]; n];
         self.row_fit = vec![[0.0; 3]; n];

@@ -54,13 +54,13 @@ pub(crate) fn fuse(step: Step<'_>, association: &Association, votes: &Votes, sto
     }
 }
 
-/// Whether `id` lies closer to the surfel that its pixel sees best than half their spacing, and is the less certain.
+/// Whether `id` lies closer to the surfel that its pixel sees best than their radius, and is the less certain.
 fn redundant(surfels: &Surfels, id: u32, best: u32) -> bool {
     let (a, b) = (&surfels.hot[id as usize], &surfels.hot[best as usize]);
     let off = sub(a.position, b.position);
     let r = a.radius.min(b.radius);
     let certain = |id: u32| (surfels.cold[id as usize].confidence, std::cmp::Reverse(id));
-    dot(off, off) < 0.5 * r * r && certain(id) < certain(best)
+    dot(off, off) < r * r && certain(id) < certain(best)
 }
 
 /// Moves the label towards that of the pixel's region: agreement strengthens it, disagreement wears it down.
