@@ -94,7 +94,9 @@ fn fit_columns(frame: &mut Frame, first: usize, last: usize, spread: &[f32; SPAN
     let reach = RADIUS_MAX as usize;
     let (top, bottom) = (first.saturating_sub(reach), (last + reach).min(h));
     let middle = 0.5 * (top + bottom) as f32;
-    let mut prefix = vec![[0f32; 4]; (bottom - top + 1) * w];
+    let mut prefix = std::mem::take(&mut frame.prefix);
+    prefix.resize((bottom - top + 1) * w, [0f32; 4]);
+    prefix[..w].fill([0f32; 4]);
     for y in top..bottom {
         let v = y as f32 - middle;
         let (done, rest) = prefix.split_at_mut((y - top + 1) * w);
@@ -134,8 +136,8 @@ fn fit_columns(frame: &mut Frame, first: usize, last: usize, spread: &[f32; SPAN
             let scale = 1.0 / length;
             frame.normal[i] = [-ax * scale, -ay * scale, -az * scale];
             // The ray (x', y', 1) meets the plane A x' + B y' + C = 1/z: normal · ray = (1/z) / length.
-            let (rx, ry) = (frame.ray_x[x], frame.ray_y[y]);
-            frame.cos[i] = inverse * scale / (rx * rx + ry * ry + 1.0).sqrt();
+            frame.cos[i] = inverse * scale * frame.ray_scale[i];
         }
     }
+    frame.prefix = prefix;
 }
