@@ -121,3 +121,81 @@ fn grow(frame: &mut Frame) {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    /// Labels by flood fill, growth not included: the same numbering by another algorithm.
+    fn flood(frame: &Frame, min: u32) -> Vec<u32> {
+        let (w, n) = (frame.width, frame.edge.len());
+        let mut label = vec![0; n];
+        let mut next = 0;
+        let mut done = vec![false; n];
+        for start in 0..n {
+            if done[start] || frame.edge[start] != 0 {
+                continue;
+            }
+            let (mut stack, mut part) = (vec![start], vec![]);
+            done[start] = true;
+            while let Some(i) = stack.pop() {
+                part.push(i);
+                let mut around = vec![];
+                if frame.links[i] & RIGHT != 0 {
+                    around.push(i + 1);
+                }
+                if frame.links[i] & DOWN != 0 {
+                    around.push(i + w);
+                }
+                if i >= 1 && frame.links[i - 1] & RIGHT != 0 {
+                    around.push(i - 1);
+                }
+                if i >= w && frame.links[i - w] & DOWN != 0 {
+                    around.push(i - w);
+                }
+                for j in around {
+                    if !done[j] && frame.edge[j] == 0 {
+                        done[j] = true;
+                        stack.push(j);
+                    }
+                }
+            }
+            if part.len() as u32 >= min {
+                next += 1;
+                part.iter().for_each(|&i| label[i] = next);
+            }
+        }
+        label
+    }
+
+    proptest! {
+        #[test]
+        fn components_equal_a_flood_fill(
+            w in 1usize..24, h in 1usize..24, min in 1u32..6, bits in prop::collection::vec(0u8..16, 576),
+        ) {
+            let n = w * h;
+            let mut frame = Frame { width: w, height: h, ..Frame::default() };
+            frame.edge = bits[..n].iter().map(|b| u8::from(b & 12 == 12)).collect();
+            frame.links = (0..n)
+                .map(|i| {
+                    let right = if i % w + 1 < w && bits[i] & 3 != 0 { RIGHT } else { 0 };
+                    right | if i + w < n && bits[i] & 5 != 0 { DOWN } else { 0 }
+                })
+                .collect();
+            frame.label = vec![0; n];
+            frame.smooth = vec![1.0; n];
+            unite(&mut frame);
+            number(&mut frame, min);
+            prop_assert_eq!(&frame.label, &flood(&frame, min));
+            let before = frame.label.clone();
+            grow(&mut frame);
+            let mut sizes = vec![0; frame.region_size.len()];
+            for (i, &l) in frame.label.iter().enumerate() {
+                prop_assert!(before[i] == 0 || before[i] == l);
+                sizes[l as usize] += 1;
+            }
+            prop_assert_eq!(&sizes, &frame.region_size);
+        }
+    }
+}

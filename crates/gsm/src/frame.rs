@@ -15,7 +15,7 @@ pub(crate) struct Frame {
     pub(crate) height: usize,
     pub(crate) factor: u32,
     pub(crate) camera: Option<Intrinsics>,
-    source: Option<Intrinsics>,
+    pub(crate) source: Option<Intrinsics>,
     /// Mean pixel width at 1 m.
     pub(crate) spacing: f32,
     /// Ray of column and row: a pixel's point is `z (ray_x, ray_y, 1)`.

@@ -13,7 +13,7 @@ const LABEL_CONFIDENCE_MAX: i16 = 12;
 
 /// Averages position along the normal, the normal, and the label of every match.
 pub(crate) fn fuse(step: Step<'_>, association: &Association, votes: &Votes, store: &mut Store) {
-    let Step { frame, pose, params, .. } = step;
+    let Step { frame, pose, params, now } = step;
     let Store { surfels, segments, .. } = store;
     for m in &association.matches {
         let i = m.pixel as usize;
@@ -47,7 +47,7 @@ pub(crate) fn fuse(step: Step<'_>, association: &Association, votes: &Votes, sto
         cold.stable |= ripe;
         if ripe {
             segments.ripen(surfels, m.surfel);
-        } else {
+        } else if (m.ahead * gain).abs() > 2.5e-4 || (now + m.surfel).is_multiple_of(8) {
             segments.follow(surfels, m.surfel);
         }
         label(frame, votes, surfels, segments, m.surfel, i);

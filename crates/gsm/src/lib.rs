@@ -26,7 +26,6 @@
 
 mod associate;
 mod bricks;
-mod store;
 mod camera;
 mod components;
 mod edges;
@@ -46,6 +45,7 @@ mod segment;
 mod segments;
 mod shrink;
 mod split;
+mod store;
 mod surfels;
 mod visibility;
 mod vote;

@@ -156,7 +156,8 @@ impl Map {
     /// working columns.
     pub fn frame_segments(&self) -> (usize, Vec<Option<SegmentId>>) {
         let slot = |&region: &u32| self.votes.segment_of.get(region as usize).copied().unwrap_or(0);
-        let id = |s: u32| (s != 0 && self.store.segments.is_open(s - 1)).then(|| self.store.segments.id(s - 1));
+        let id =
+            |s: u32| (s != 0 && self.store.segments.is_open(s - 1)).then(|| self.store.segments.id(s - 1));
         (self.frame.width, self.frame.label.iter().map(slot).map(id).collect())
     }
 

@@ -47,5 +47,4 @@ impl Store {
         self.bricks.list[brick].blocks = blocks;
         removed
     }
-
 }

@@ -56,7 +56,13 @@ impl Surfels {
 
     /// Stores a surfel in a free entry of a brick's blocks, adding a block when they are full and there is room for
     /// one below `limit` entries.
-    pub(crate) fn insert(&mut self, blocks: &mut Vec<Block>, hot: Hot, cold: Cold, limit: u32) -> Option<u32> {
+    pub(crate) fn insert(
+        &mut self,
+        blocks: &mut Vec<Block>,
+        hot: Hot,
+        cold: Cold,
+        limit: u32,
+    ) -> Option<u32> {
         let place = match blocks.iter().rposition(|b| b.used != u16::MAX) {
             Some(place) => place,
             None => {
