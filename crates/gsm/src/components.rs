@@ -27,18 +27,24 @@ fn unite(frame: &mut Frame) {
     let w = frame.width;
     frame.parent.clear();
     frame.parent.extend(0..(w * frame.height) as u32);
-    for i in 0..w * frame.height {
-        if frame.edge[i] != 0 {
-            continue;
-        }
-        if i % w > 0 && frame.edge[i - 1] == 0 && frame.links[i - 1] & RIGHT != 0 {
-            frame.parent[i] = frame.parent[i - 1];
-        }
-        if i >= w && frame.edge[i - w] == 0 && frame.links[i - w] & DOWN != 0 {
-            let a = root(&mut frame.parent, i as u32);
-            let b = root(&mut frame.parent, (i - w) as u32);
-            let (low, high) = (a.min(b), a.max(b));
-            frame.parent[high as usize] = low;
+    let (edge, links, parent) = (&frame.edge[..], &frame.links[..], &mut frame.parent[..]);
+    for y in 0..frame.height {
+        // Whether the pixel to the left is a linked non-edge pixel.
+        let mut left = false;
+        for i in y * w..(y + 1) * w {
+            let open = edge[i] == 0;
+            if open {
+                if left {
+                    parent[i] = parent[i - 1];
+                }
+                if y > 0 && edge[i - w] == 0 && links[i - w] & DOWN != 0 {
+                    let a = root(parent, parent[i]);
+                    let b = root(parent, parent[i - w]);
+                    parent[a.max(b) as usize] = a.min(b);
+                    parent[i] = a.min(b);
+                }
+            }
+            left = open && links[i] & RIGHT != 0;
         }
     }
 }
@@ -72,42 +78,124 @@ fn number(frame: &mut Frame, min_pixels: u32) {
 
 /// Breadth-first growth; a pixel takes the label that reaches it first, ties in raster order.
 fn grow(frame: &mut Frame) {
-    let (w, h) = (frame.width, frame.height);
+    let w = frame.width;
+    let n = w * frame.height;
     frame.queue.clear();
-    for i in 0..w * h {
-        if frame.label[i] != 0 && has_bare_neighbour(frame, i) {
-            frame.queue.push(i as u32);
+    let (links, smooth) = (&frame.links[..], &frame.smooth[..]);
+    let (label, size) = (&mut frame.label[..], &mut frame.region_size[..]);
+    // Seeds: labelled pixels next to a linked bare one.
+    for i in 0..n {
+        let own = label[i] != 0;
+        for (bit, step) in [(RIGHT, 1), (DOWN, w)] {
+            if links[i] & bit != 0 && (label[i + step] != 0) != own {
+                frame.queue.push(if own { i } else { i + step } as u32);
+            }
         }
     }
+    frame.queue.sort_unstable();
     let mut next = 0;
     while next < frame.queue.len() {
         let i = frame.queue[next] as usize;
         next += 1;
-        let label = frame.label[i];
-        for j in linked(frame, i).into_iter().flatten() {
-            if frame.label[j] == 0 && frame.smooth[j] > 0.0 {
-                frame.label[j] = label;
-                frame.region_size[label as usize] += 1;
-                frame.region_size[0] -= 1;
+        let own = label[i];
+        let mut reach = |j: usize| {
+            if label[j] == 0 && smooth[j] > 0.0 {
+                label[j] = own;
+                size[own as usize] += 1;
+                size[0] -= 1;
                 frame.queue.push(j as u32);
             }
+        };
+        // A link bit is never set towards the outside of the image.
+        if i >= w && links[i - w] & DOWN != 0 {
+            reach(i - w);
+        }
+        if i > 0 && links[i - 1] & RIGHT != 0 {
+            reach(i - 1);
+        }
+        if links[i] & RIGHT != 0 {
+            reach(i + 1);
+        }
+        if links[i] & DOWN != 0 {
+            reach(i + w);
         }
     }
 }
 
-fn has_bare_neighbour(frame: &Frame, i: usize) -> bool {
-    linked(frame, i).into_iter().flatten().any(|j| frame.label[j] == 0)
-}
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
 
-/// The four neighbours over unbroken links.
-#[inline]
-fn linked(frame: &Frame, i: usize) -> [Option<usize>; 4] {
-    let w = frame.width;
-    let link = |from: usize, bit: u8, to: usize| (frame.links[from] & bit != 0).then_some(to);
-    [
-        if i >= w { link(i - w, DOWN, i - w) } else { None },
-        if !i.is_multiple_of(w) { link(i - 1, RIGHT, i - 1) } else { None },
-        link(i, RIGHT, i + 1),
-        link(i, DOWN, i + w),
-    ]
+    /// Labels by flood fill, growth not included: the same numbering by another algorithm.
+    fn flood(frame: &Frame, min: u32) -> Vec<u32> {
+        let (w, n) = (frame.width, frame.edge.len());
+        let mut label = vec![0; n];
+        let mut next = 0;
+        let mut done = vec![false; n];
+        for start in 0..n {
+            if done[start] || frame.edge[start] != 0 {
+                continue;
+            }
+            let (mut stack, mut part) = (vec![start], vec![]);
+            done[start] = true;
+            while let Some(i) = stack.pop() {
+                part.push(i);
+                let mut around = vec![];
+                if frame.links[i] & RIGHT != 0 {
+                    around.push(i + 1);
+                }
+                if frame.links[i] & DOWN != 0 {
+                    around.push(i + w);
+                }
+                if i >= 1 && frame.links[i - 1] & RIGHT != 0 {
+                    around.push(i - 1);
+                }
+                if i >= w && frame.links[i - w] & DOWN != 0 {
+                    around.push(i - w);
+                }
+                for j in around {
+                    if !done[j] && frame.edge[j] == 0 {
+                        done[j] = true;
+                        stack.push(j);
+                    }
+                }
+            }
+            if part.len() as u32 >= min {
+                next += 1;
+                part.iter().for_each(|&i| label[i] = next);
+            }
+        }
+        label
+    }
+
+    proptest! {
+        #[test]
+        fn components_equal_a_flood_fill(
+            w in 1usize..24, h in 1usize..24, min in 1u32..6, bits in prop::collection::vec(0u8..16, 576),
+        ) {
+            let n = w * h;
+            let mut frame = Frame { width: w, height: h, ..Frame::default() };
+            frame.edge = bits[..n].iter().map(|b| u8::from(b & 12 == 12)).collect();
+            frame.links = (0..n)
+                .map(|i| {
+                    let right = if i % w + 1 < w && bits[i] & 3 != 0 { RIGHT } else { 0 };
+                    right | if i + w < n && bits[i] & 5 != 0 { DOWN } else { 0 }
+                })
+                .collect();
+            frame.label = vec![0; n];
+            frame.smooth = vec![1.0; n];
+            unite(&mut frame);
+            number(&mut frame, min);
+            prop_assert_eq!(&frame.label, &flood(&frame, min));
+            let before = frame.label.clone();
+            grow(&mut frame);
+            let mut sizes = vec![0; frame.region_size.len()];
+            for (i, &l) in frame.label.iter().enumerate() {
+                prop_assert!(before[i] == 0 || before[i] == l);
+                sizes[l as usize] += 1;
+            }
+            prop_assert_eq!(&sizes, &frame.region_size);
+        }
+    }
 }

@@ -15,17 +15,23 @@ pub(crate) struct Frame {
     pub(crate) height: usize,
     pub(crate) factor: u32,
     pub(crate) camera: Option<Intrinsics>,
-    source: Option<Intrinsics>,
+    pub(crate) source: Option<Intrinsics>,
     /// Mean pixel width at 1 m.
     pub(crate) spacing: f32,
     /// Ray of column and row: a pixel's point is `z (ray_x, ray_y, 1)`.
     pub(crate) ray_x: Vec<f32>,
     pub(crate) ray_y: Vec<f32>,
+    /// Inverse length of each pixel's ray.
+    pub(crate) ray_scale: Vec<f32>,
     pub(crate) noise: NoiseTable,
+    /// Prefix sums of a band of rows.
+    pub(crate) prefix: Vec<[f32; 4]>,
     /// Block-averaged depth, 0 = invalid.
     pub(crate) z: Vec<f32>,
     /// Its inverse (linear over the image on a plane), 0 = invalid.
     pub(crate) inverse: Vec<f32>,
+    /// Sigma of the inverse depth.
+    pub(crate) slack: Vec<f32>,
     /// [`RIGHT`] and [`DOWN`] bits.
     pub(crate) links: Vec<u8>,
     /// Unbroken reach left, right, up, down within the window, pixels.
@@ -82,8 +88,12 @@ impl Frame {
         self.ray_x = (0..w).map(|x| (x as f32 - camera.cx()) / camera.fx()).collect();
         self.ray_y = (0..h).map(|y| (y as f32 - camera.cy()) / camera.fy()).collect();
         let n = w * h;
+        self.ray_scale = (0..n)
+            .map(|i| (self.ray_x[i % w].powi(2) + self.ray_y[i / w].powi(2) + 1.0).sqrt().recip())
+            .collect();
         self.z = vec![0.0; n];
         self.inverse = vec![0.0; n];
+        self.slack = vec![0.0; n];
         self.links = vec![0; n];
         self.arms = vec![[0; 4]; n];
         self.row_fit = vec![[0.0; 3]; n];

@@ -13,7 +13,7 @@ const LABEL_CONFIDENCE_MAX: i16 = 12;
 
 /// Averages position along the normal, the normal, and the label of every match.
 pub(crate) fn fuse(step: Step<'_>, association: &Association, votes: &Votes, store: &mut Store) {
-    let Step { frame, pose, params, .. } = step;
+    let Step { frame, pose, params, now } = step;
     let Store { surfels, segments, .. } = store;
     for m in &association.matches {
         let i = m.pixel as usize;
@@ -47,20 +47,20 @@ pub(crate) fn fuse(step: Step<'_>, association: &Association, votes: &Votes, sto
         cold.stable |= ripe;
         if ripe {
             segments.ripen(surfels, m.surfel);
-        } else {
+        } else if (m.ahead * gain).abs() > 2.5e-4 || (now + m.surfel).is_multiple_of(8) {
             segments.follow(surfels, m.surfel);
         }
         label(frame, votes, surfels, segments, m.surfel, i);
     }
 }
 
-/// Whether `id` lies closer to the surfel that its pixel sees best than half their spacing, and is the less certain.
+/// Whether `id` lies closer to the surfel that its pixel sees best than their radius, and is the less certain.
 fn redundant(surfels: &Surfels, id: u32, best: u32) -> bool {
     let (a, b) = (&surfels.hot[id as usize], &surfels.hot[best as usize]);
     let off = sub(a.position, b.position);
     let r = a.radius.min(b.radius);
     let certain = |id: u32| (surfels.cold[id as usize].confidence, std::cmp::Reverse(id));
-    dot(off, off) < 0.5 * r * r && certain(id) < certain(best)
+    dot(off, off) < r * r && certain(id) < certain(best)
 }
 
 /// Moves the label towards that of the pixel's region: agreement strengthens it, disagreement wears it down.

@@ -56,8 +56,18 @@ impl NoiseModel {
 /// `sigma` and window radius over range for one working resolution, in centimetre bins.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct NoiseTable {
-    sigma: Vec<f32>,
-    radius: Vec<u8>,
+    rows: Vec<Row>,
+}
+
+/// Constants of one range bin.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Row {
+    /// Standard deviation of a working pixel, metres.
+    pub(crate) sigma: f32,
+    /// The same after the mean over a window's side.
+    pub(crate) smooth: f32,
+    /// Half-window, pixels.
+    pub(crate) radius: u8,
 }
 
 /// Half-windows are within these bounds, pixels.
@@ -72,28 +82,32 @@ impl NoiseTable {
     /// to `slope` (radians).
     pub(crate) fn new(model: &NoiseModel, factor: u32, spacing: f32, slope: f32, max_depth: f32) -> Self {
         let bins = (max_depth * 100.0).ceil() as usize + 2;
-        let mut table = Self { sigma: Vec::with_capacity(bins), radius: Vec::with_capacity(bins) };
+        let mut table = Self { rows: Vec::with_capacity(bins) };
         for i in 0..bins {
             let z = (i as f32 + 0.5) * 0.01;
             let sigma = model.sigma(z) / (factor as f32).sqrt();
             let n = (sigma * 12f32.sqrt() / (spacing * z * slope)).sqrt();
             let r = ((n - 1.0) * 0.5).ceil().clamp(f32::from(RADIUS_MIN), f32::from(RADIUS_MAX));
-            table.sigma.push(sigma);
-            table.radius.push(r as u8);
+            table.rows.push(Row { sigma, smooth: sigma / (2.0 * r + 1.0).sqrt(), radius: r as u8 });
         }
         table
     }
 
-    fn bin(&self, z: f32) -> usize {
-        ((z * 100.0) as usize).min(self.sigma.len() - 1)
+    /// The row of a depth; the last one beyond the table.
+    #[inline]
+    pub(crate) fn row(&self, z: f32) -> Row {
+        // The cast saturates; `fit` fills the table before any kernel runs.
+        self.rows[((z * 100.0) as usize).min(self.rows.len() - 1)]
     }
 
+    #[inline]
     pub(crate) fn sigma(&self, z: f32) -> f32 {
-        self.sigma[self.bin(z)]
+        self.row(z).sigma
     }
 
+    #[inline]
     pub(crate) fn radius(&self, z: f32) -> u8 {
-        self.radius[self.bin(z)]
+        self.row(z).radius
     }
 }
 

@@ -94,7 +94,9 @@ fn fit_columns(frame: &mut Frame, first: usize, last: usize, spread: &[f32; SPAN
     let reach = RADIUS_MAX as usize;
     let (top, bottom) = (first.saturating_sub(reach), (last + reach).min(h));
     let middle = 0.5 * (top + bottom) as f32;
-    let mut prefix = vec![[0f32; 4]; (bottom - top + 1) * w];
+    let mut prefix = std::mem::take(&mut frame.prefix);
+    prefix.resize((bottom - top + 1) * w, [0f32; 4]);
+    prefix[..w].fill([0f32; 4]);
     for y in top..bottom {
         let v = y as f32 - middle;
         let (done, rest) = prefix.split_at_mut((y - top + 1) * w);
@@ -134,8 +136,46 @@ fn fit_columns(frame: &mut Frame, first: usize, last: usize, spread: &[f32; SPAN
             let scale = 1.0 / length;
             frame.normal[i] = [-ax * scale, -ay * scale, -az * scale];
             // The ray (x', y', 1) meets the plane A x' + B y' + C = 1/z: normal · ray = (1/z) / length.
-            let (rx, ry) = (frame.ray_x[x], frame.ray_y[y]);
-            frame.cos[i] = inverse * scale / (rx * rx + ry * ry + 1.0).sqrt();
+            frame.cos[i] = inverse * scale * frame.ray_scale[i];
+        }
+    }
+    frame.prefix = prefix;
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::frame::{Frame, dot};
+    use crate::{DepthView, Intrinsics, NoiseModel, Params, Profile};
+    use nalgebra::Isometry3;
+
+    /// Slanted planes fill the image across all band seams; every normal and smoothed depth is the plane's.
+    #[test]
+    fn planes_give_their_normal_at_every_pixel() {
+        let (w, h) = (90, 110);
+        let camera = Intrinsics::new(100.0, 120.0, 44.0, 50.0, w, h).unwrap();
+        for profile in [Profile::Structured, Profile::TofPhone, Profile::Ideal] {
+            let params = Params { noise: NoiseModel::of(profile), max_depth: 20.0, ..Params::default() };
+            for [a, b, c] in [[0.0, 0.0, 0.5], [0.2, -0.1, 0.6], [-0.3, 0.3, 0.55], [0.0, 0.5, 0.7]] {
+                let ray = |i: u32| [((i % w) as f32 - 44.0) / 100.0, ((i / w) as f32 - 50.0) / 120.0, 1.0];
+                let depth: Vec<f32> = (0..w * h).map(|i| 1.0 / dot([a, b, c], ray(i))).collect();
+                let view = DepthView {
+                    depth: &depth,
+                    intrinsics: camera,
+                    world_from_camera: Isometry3::identity(),
+                    time: 0.0,
+                };
+                let mut frame = Frame::default();
+                frame.run(&view, &params, &mut |_| ());
+                let length = dot([a, b, c], [a, b, c]).sqrt();
+                for (i, &z) in depth.iter().enumerate() {
+                    let n = frame.normal[i];
+                    assert!(dot(n, [-a / length, -b / length, -c / length]) > 0.9999, "{i} {n:?}");
+                    assert!((frame.smooth[i] / z - 1.0).abs() < 1e-3);
+                    let r = ray(i as u32);
+                    assert!((frame.cos[i] + dot(n, r) / dot(r, r).sqrt()).abs() < 1e-3);
+                }
+                assert_eq!(frame.region_size.len(), 2, "one plane, one region");
+            }
         }
     }
 }

@@ -30,7 +30,7 @@ pub struct Params {
     pub gate_normal_cos: f32,
     /// Surfaces seen more obliquely than this cosine are not fused (default 0.2).
     pub min_incidence_cos: f32,
-    /// Surfels are not set closer than this, metres (default 0.006).
+    /// Surfels are not set closer than three quarters of this, metres (default 0.012).
     pub min_spacing: f32,
     /// Sightings that make a surfel stable (default 3).
     pub stable_sightings: u32,
@@ -67,7 +67,7 @@ impl Default for Params {
             pose_error: 0.01,
             gate_normal_cos: 0.7,
             min_incidence_cos: 0.2,
-            min_spacing: 0.006,
+            min_spacing: 0.012,
             stable_sightings: 3,
             unstable_frames: 15,
             take_share: 0.3,

@@ -36,7 +36,9 @@ struct Tag {
 pub(crate) struct Splits {
     tags: BTreeMap<u32, Tag>,
     issued: u32,
-    /// (region, tag) of every pixel whose surfel has the segment of its region.
+    /// Pixels per region whose surfel has the segment of the region.
+    region_pixels: Vec<u32>,
+    /// (region, tag) of those with a tag.
     cells: Vec<(u32, u32)>,
     /// (region, tag, pixels), sorted.
     counts: Vec<(u32, u32, u32)>,
@@ -78,11 +80,17 @@ impl Splits {
 
     fn count(&mut self, frame: &Frame, association: &Association, votes: &Votes, surfels: &Surfels) {
         self.cells.clear();
+        self.region_pixels.clear();
+        self.region_pixels.resize(votes.segment_of.len(), 0);
         for (&hit, &region) in association.hit.iter().zip(&frame.label) {
             if hit != 0 && region != 0 {
                 let i = hit as usize - 1;
                 if surfels.hot[i].segment == votes.segment_of[region as usize] {
-                    self.cells.push((region, surfels.cold[i].tag));
+                    self.region_pixels[region as usize] += 1;
+                    let tag = surfels.cold[i].tag;
+                    if tag != 0 {
+                        self.cells.push((region, tag));
+                    }
                 }
             }
         }
@@ -92,22 +100,18 @@ impl Splits {
         self.counts.extend(runs);
     }
 
-    /// Pixels of a region in all its tags, and of a tag in all regions.
-    fn region_pixels(&self, region: u32) -> u32 {
-        self.counts.iter().filter(|c| c.0 == region).map(|c| c.2).sum()
-    }
-
+    /// Pixels of a tag in all regions.
     fn tag_pixels(&self, tag: u32) -> u32 {
         self.counts.iter().filter(|c| c.1 == tag).map(|c| c.2).sum()
     }
 
     /// The tag that the region confirms, or a new one; 0 when the table is full.
     fn confirm(&mut self, region: u32, now: u32) -> u32 {
-        let all = self.region_pixels(region);
+        let all = self.region_pixels[region as usize];
         let best = self
             .counts
             .iter()
-            .filter(|c| c.0 == region && c.1 != 0 && self.tags.contains_key(&c.1))
+            .filter(|c| c.0 == region && self.tags.contains_key(&c.1))
             .max_by_key(|c| (c.2, std::cmp::Reverse(c.1)));
         if let Some(&(_, tag, n)) = best
             && 2 * n >= all
@@ -130,10 +134,10 @@ impl Splits {
     /// Tags whose visible surfels mostly share a region with as many others lose.
     fn contradict(&mut self, given: &[u32]) {
         for &(region, tag, n) in &self.counts {
-            if tag == 0 || given[region as usize] == tag || n < PIXELS / 2 || 2 * n < self.tag_pixels(tag) {
+            if given[region as usize] == tag || n < PIXELS / 2 || 2 * n < self.tag_pixels(tag) {
                 continue;
             }
-            if 10 * n > 7 * self.region_pixels(region) {
+            if 10 * n > 7 * self.region_pixels[region as usize] {
                 continue;
             }
             if let Some(t) = self.tags.get_mut(&tag) {
