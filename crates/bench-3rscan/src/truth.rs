@@ -6,7 +6,7 @@ use crate::scenario::Scenario;
 use crate::surface::Seen;
 use graph_align::{Box3, LabelId, PredicateId, Vocabulary};
 use nalgebra::{Isometry3, Point3};
-use scan3r::{Dataset, LabelSet, RoomEntry};
+use scan3r::{Annotation, Dataset, LabelSet, RoomEntry};
 use serde::Serialize;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -79,6 +79,7 @@ struct History {
     bounds: Option<Box3>,
     moved: bool,
     changed: bool,
+    /// Of the whole annotated surface in the reference frame, scan by scan.
     extents: Vec<nalgebra::Vector3<f32>>,
 }
 
@@ -195,6 +196,7 @@ impl RoomTruth<'_> {
             let annotation = self.data.annotation(self.scan(round))?;
             let reference_from_scan = reference_from(self.entry, round)?;
             let points = seen.seen_points(&annotation);
+            let whole = annotated_extents(&annotation, &reference_from_scan);
             if round > 0 {
                 gone.extend(self.entry.scans[round - 1].removed.iter().flatten());
             }
@@ -225,6 +227,7 @@ impl RoomTruth<'_> {
                 h.raw.clone_from(raw);
                 h.latest = round;
                 h.samples += samples;
+                h.extents.extend(whole.get(&id).copied());
                 if let Some((_, points, then)) = last_seen.get(&id) {
                     // Seen earlier, annotated now at another pose: the points move along.
                     let carry = pose * then.inverse();
@@ -287,7 +290,17 @@ impl RoomTruth<'_> {
     }
 }
 
-/// True when an extent of two well-seen scans differs by more than 20 %.
+/// Extents of the whole annotated surface of each instance, in the reference frame.
+fn annotated_extents(a: &Annotation, t: &Isometry3<f32>) -> BTreeMap<u32, nalgebra::Vector3<f32>> {
+    let mut corners: BTreeMap<u32, (Point3<f32>, Point3<f32>)> = BTreeMap::new();
+    for (p, &i) in a.points.iter().zip(&a.instances).filter(|(_, i)| **i != 0) {
+        let p = t * p;
+        corners.entry(i).and_modify(|(lo, hi)| (*lo, *hi) = (lo.inf(&p), hi.sup(&p))).or_insert((p, p));
+    }
+    corners.into_iter().map(|(i, (lo, hi))| (i, hi - lo)).collect()
+}
+
+/// True when an extent of two scans differs by more than 20 % (and by more than 10 cm).
 fn extents_differ(extents: &[nalgebra::Vector3<f32>]) -> bool {
     let Some(first) = extents.first() else { return false };
     extents.iter().any(|e| {

@@ -16,3 +16,10 @@ pub(crate) fn cpu_seconds() -> f64 {
 pub(crate) fn thread_cpu_seconds() -> f64 {
     seconds(ClockId::ThreadCPUTime)
 }
+
+/// Wall-clock seconds since the first call.
+#[expect(clippy::disallowed_methods, reason = "the binary owns the clock")]
+pub(crate) fn wall_seconds() -> f64 {
+    static START: std::sync::OnceLock<std::time::Instant> = std::sync::OnceLock::new();
+    START.get_or_init(std::time::Instant::now).elapsed().as_secs_f64()
+}

@@ -7,6 +7,7 @@ mod commands;
 mod files;
 mod pipeline;
 mod progress;
+mod weights;
 
 use clap::Parser;
 use std::process::ExitCode;

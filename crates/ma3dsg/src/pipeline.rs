@@ -1,6 +1,34 @@
 //! Settings that several commands share.
 
+use agent::{GraphParams, RobotParams};
+
+/// What a robot is run for.
+#[derive(Clone, Copy)]
+pub(crate) enum Quality {
+    /// The benchmark: scores are fused over the visit.
+    Bench,
+    /// A recording whose up direction is known only at its end.
+    UpAtEnd,
+}
+
 /// Segmentation with the defaults, for one kind of sensor.
 pub(crate) fn segmentation(profile: gsm::Profile) -> gsm::Params {
     gsm::Params { noise: gsm::NoiseModel::of(profile), ..gsm::Params::default() }
+}
+
+/// A robot with the thresholds that were tuned on validation rooms.
+pub(crate) fn robot(quality: Quality) -> RobotParams {
+    let infer_every = match quality {
+        Quality::Bench => RobotParams::default().infer_every,
+        Quality::UpAtEnd => 0,
+    };
+    RobotParams { infer_every, graph: GraphParams::default(), ..RobotParams::default() }
+}
+
+/// The processor's name, for provenance.
+pub(crate) fn cpu_name() -> String {
+    let text = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
+    let line = text.lines().find_map(|l| l.strip_prefix("model name"));
+    line.and_then(|l| l.split_once(':'))
+        .map_or_else(|| std::env::consts::ARCH.to_owned(), |(_, v)| v.trim().to_owned())
 }

@@ -1,14 +1,20 @@
 //! One module per command.
 
 mod align;
+mod bench;
 mod infer;
 mod samples;
+mod scan;
 
 use anyhow::Result;
 use std::process::ExitCode;
 
 #[derive(clap::Subcommand)]
 pub(crate) enum Command {
+    /// Scan a recording: segments, objects and relations.
+    Scan(scan::Args),
+    /// Run the benchmark and write a report.
+    Bench(Box<bench::Args>),
     /// Align a query graph with a reference graph, or a folder of cases.
     Align(align::Args),
     /// Recompute stored vectors of the network and compare every tensor.
@@ -20,6 +26,8 @@ pub(crate) enum Command {
 impl Command {
     pub(crate) fn run(self) -> Result<ExitCode> {
         match self {
+            Self::Scan(a) => a.run(),
+            Self::Bench(a) => a.run(),
             Self::Align(a) => a.run(),
             Self::Infer(a) => a.run(),
             Self::Samples(a) => a.run(),

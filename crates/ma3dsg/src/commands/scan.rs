@@ -1,0 +1,234 @@
+//! `ma3dsg scan DIR -o OUT`: a recording to segments and a scene graph.
+
+use super::say;
+use crate::pipeline::{self, Quality};
+use crate::progress::Progress;
+use crate::weights::Weights;
+use crate::{clock, files};
+use agent::{Robot, RobotParams};
+use anyhow::{Context, Result};
+use graph_align::Vocabulary;
+use graph_align::json::{GraphFile, row_major};
+use gsm::SegmentId;
+use nalgebra::{Isometry3, UnitQuaternion, Vector3};
+use scan3r::{Format, Recording};
+use serde_json::json;
+use std::collections::BTreeMap;
+use std::fmt::Write;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+#[derive(clap::Args)]
+pub(crate) struct Args {
+    /// Folder of the recording.
+    dir: PathBuf,
+    /// 3rscan, 7scenes, tum, or auto.
+    #[arg(long, default_value = "auto", value_parser = ["auto", "3rscan", "7scenes", "tum"])]
+    format: String,
+    /// Depth sensor: structured light, time of flight, rendered; auto follows the format.
+    #[arg(long, default_value = "auto", value_parser = ["auto", "tof", "structured", "ideal"])]
+    noise: String,
+    /// Working resolution as a share of the image's sides (1, 0.5, 0.25), or auto: about 160x120.
+    #[arg(long, default_value = "auto")]
+    scale: String,
+    /// Weights other than the shipped ones.
+    #[arg(long, value_name = "FILE")]
+    weights: Option<PathBuf>,
+    /// Folder for graph.json, segments.ply and frames.csv.
+    #[arg(short, long, value_name = "OUT")]
+    out: PathBuf,
+}
+
+impl Args {
+    pub(crate) fn run(self) -> Result<ExitCode> {
+        let weights = Weights::load(self.weights.as_deref())?;
+        let recording = Recording::open(&self.dir, Format::parse(&self.format))?;
+        recording.notes().iter().for_each(|n| eprintln!("note: {n}"));
+        let (format, total, has_gravity) = (recording.format(), recording.len(), recording.has_gravity());
+        let (profile, noise) = self.profile(format);
+        let mut csv = "frame,ms_segment,ms_infer,surfels,active_surfels,segments\n".to_owned();
+        let (mut robot, mut skipped, mut failure): (Option<Robot<'_>>, usize, Option<scan3r::Error>) =
+            (None, 0, None);
+        let mut last_row = 0;
+        let progress = Progress::new("frames", total as u64);
+        for frame in recording.into_frames() {
+            let frame = match frame {
+                Ok(f) => f,
+                Err(e) => {
+                    failure = Some(e);
+                    break;
+                }
+            };
+            let robot = match &mut robot {
+                Some(r) => r,
+                none => none.insert(self.robot(&weights, profile, has_gravity, frame.depth.len())?),
+            };
+            let start = clock::cpu_seconds();
+            let report = robot.segment(&frame);
+            let segmented = clock::cpu_seconds();
+            if has_gravity && robot.inference_is_due() {
+                robot.infer()?;
+            }
+            let inferred = clock::cpu_seconds();
+            skipped += usize::from(report.skipped.is_some());
+            last_row = csv.len();
+            let c = report.counts;
+            // Writing to a String cannot fail.
+            let _ = writeln!(
+                csv,
+                "{},{:.3},{:.3},{},{},{}",
+                frame.index,
+                (segmented - start) * 1e3,
+                (inferred - segmented) * 1e3,
+                c.surfels,
+                c.visited,
+                c.segments
+            );
+            progress.step();
+        }
+        drop(progress);
+        let Some(robot) = robot else {
+            return Err(
+                failure.map_or_else(|| anyhow::anyhow!("{}: no frame", self.dir.display()), Into::into)
+            );
+        };
+        self.finish(robot, &weights, csv, last_row, has_gravity, noise, (total, skipped))?;
+        match failure {
+            // What came before is written; the run still failed.
+            Some(e) => Err(e).context("stopped early; what was read before is written"),
+            None => Ok(ExitCode::SUCCESS),
+        }
+    }
+
+    fn profile(&self, format: Format) -> (gsm::Profile, &'static str) {
+        match (self.noise.as_str(), format) {
+            ("tof", _) | ("auto", Format::ThreeRScan) => (gsm::Profile::TofPhone, "tof"),
+            ("ideal", _) => (gsm::Profile::Ideal, "ideal"),
+            _ => (gsm::Profile::Structured, "structured"),
+        }
+    }
+
+    fn robot<'m>(
+        &self,
+        weights: &'m Weights,
+        profile: gsm::Profile,
+        has_gravity: bool,
+        pixels: usize,
+    ) -> Result<Robot<'m>> {
+        let mut segmentation = pipeline::segmentation(profile);
+        if self.scale != "auto" {
+            let s: f32 = self.scale.parse().ok().filter(|s| (0.01..=1.0).contains(s)).with_context(|| {
+                format!("--scale {:?}, want auto or a share of the image's sides up to 1", self.scale)
+            })?;
+            segmentation.max_pixels = (pixels as f32 * s * s).ceil() as u32;
+        }
+        let quality = if has_gravity { Quality::Bench } else { Quality::UpAtEnd };
+        Ok(Robot::new(&weights.model, RobotParams { segmentation, ..pipeline::robot(quality) })?)
+    }
+
+    #[expect(clippy::too_many_arguments, reason = "the parts of one result")]
+    fn finish(
+        &self,
+        mut robot: Robot<'_>,
+        weights: &Weights,
+        mut csv: String,
+        last_row: usize,
+        has_gravity: bool,
+        noise: &str,
+        (total, skipped): (usize, usize),
+    ) -> Result<()> {
+        let up = if has_gravity { Some(Vector3::z()) } else { gsm::estimate_up(robot.map()) };
+        let turn = match up {
+            Some(up) if !has_gravity => upright(&up),
+            _ => UnitQuaternion::identity(),
+        };
+        if !has_gravity {
+            robot.set_up(turn);
+        }
+        let start = clock::cpu_seconds();
+        robot.infer()?;
+        let mut vocabulary = Vocabulary::default();
+        let (graph, instances) = robot.graph(&mut vocabulary)?;
+        let ms = (clock::cpu_seconds() - start) * 1e3;
+        add_to_last_row(&mut csv, last_row, ms);
+        let mut file = GraphFile::of_graph(&graph, &vocabulary);
+        file.gravity_aligned = Some(up.is_some());
+        file.world_from_recording =
+            Some(row_major(&Isometry3::from_parts(nalgebra::Translation3::identity(), turn)));
+        let source = match (has_gravity, up) {
+            (true, _) => "the recording's z axis",
+            (false, Some(_)) => "estimated from planes: the recording has no gravity axis",
+            (false, None) => "unknown: the recording has no gravity axis and too few planes to estimate it",
+        };
+        file.provenance = json!({
+            "command": std::env::args().collect::<Vec<_>>().join(" "),
+            "version": env!("CARGO_PKG_VERSION"),
+            "data": {"kind": "recording", "folder": self.dir, "frames": total, "skipped": skipped},
+            "weights": weights.provenance(),
+            "up": source,
+            "noise": noise,
+        });
+        files::write(&self.out.join("graph.json"), &serde_json::to_vec_pretty(&file)?)?;
+        files::write(&self.out.join("segments.ply"), &ply(&robot, &instances))?;
+        files::write(&self.out.join("frames.csv"), csv.as_bytes())?;
+        let stable = robot.map().surfels().filter(|s| s.stable).count();
+        let labelled = robot.map().surfels().filter(|s| s.stable && s.segment.is_some()).count();
+        say(format!(
+            "{total} frames ({skipped} skipped), noise profile {noise}, up: {source}\n\
+             {stable} stable surfels, {labelled} labelled, {} segments; graph of {} objects and {} relations\n\
+             weights: {} ({}), trained on {}\nwritten to {}",
+            robot.map().segments().count(),
+            graph.len(),
+            graph.edges().len(),
+            weights.file,
+            &weights.sha256[..12],
+            weights.trained_on,
+            self.out.display()
+        ));
+        if graph.is_empty() {
+            let nodes = robot.nodes()?.nodes.len();
+            eprintln!(
+                "warning: the graph is empty: {nodes} segments were large enough for a node, none got a class of the set"
+            );
+        }
+        Ok(())
+    }
+}
+
+/// The rotation that turns `up` to +z.
+fn upright(up: &Vector3<f32>) -> UnitQuaternion<f32> {
+    UnitQuaternion::rotation_between(up, &Vector3::z())
+        .unwrap_or_else(|| UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f32::consts::PI))
+}
+
+/// The final inference belongs to the last frame.
+fn add_to_last_row(csv: &mut String, at: usize, ms: f64) {
+    let row: Vec<String> = csv[at..].trim_end().split(',').map(str::to_owned).collect();
+    if let Some(before) = row.get(2).and_then(|v| v.parse::<f64>().ok()) {
+        let mut row = row;
+        row[2] = format!("{:.3}", before + ms);
+        csv.truncate(at);
+        csv.push_str(&row.join(","));
+        csv.push('\n');
+    }
+}
+
+/// Surfels in the recording's own frame, binary little-endian.
+fn ply(robot: &Robot<'_>, instances: &BTreeMap<SegmentId, u64>) -> Vec<u8> {
+    let surfels: Vec<_> = robot.map().surfels().filter(|s| s.stable).collect();
+    let mut out = format!("ply\nformat binary_little_endian 1.0\nelement vertex {}\n", surfels.len());
+    for p in ["x", "y", "z", "nx", "ny", "nz"] {
+        let _ = writeln!(out, "property float {p}");
+    }
+    out += "property int label\nproperty int instance\nend_header\n";
+    let mut out = out.into_bytes();
+    for s in surfels {
+        let numbers = s.position.coords.iter().chain(s.normal.iter());
+        out.extend(numbers.flat_map(|v| v.to_le_bytes()));
+        let label = s.segment.map_or(0, |id| id.0 as i32);
+        let instance = s.segment.and_then(|id| instances.get(&id)).map_or(0, |i| *i as i32 + 1);
+        out.extend(label.to_le_bytes());
+        out.extend(instance.to_le_bytes());
+    }
+    out
+}
