@@ -1,0 +1,26 @@
+//! Everything that CI checks, in the order in which it is cheap to fail.
+
+use crate::{arrows, cargo, must};
+use anyhow::Result;
+use std::process::ExitCode;
+
+pub(crate) fn run() -> Result<ExitCode> {
+    must("fmt", &mut cargo(&["fmt", "--all", "--check"]))?;
+    must(
+        "clippy",
+        &mut cargo(&["clippy", "--quiet", "--workspace", "--all-targets", "--", "-D", "warnings"]),
+    )?;
+    arrows::check()?;
+    let nextest = cargo(&["nextest", "--version"]).output().is_ok_and(|o| o.status.success());
+    if nextest {
+        must("tests (nextest)", &mut cargo(&["nextest", "run", "--workspace", "--no-fail-fast"]))?;
+    } else {
+        must("tests", &mut cargo(&["test", "--workspace", "--lib", "--bins", "--tests"]))?;
+    }
+    must(
+        "documentation",
+        cargo(&["doc", "--quiet", "--workspace", "--no-deps"]).env("RUSTDOCFLAGS", "-D warnings"),
+    )?;
+    must("doctests", &mut cargo(&["test", "--workspace", "--doc"]))?;
+    Ok(ExitCode::SUCCESS)
+}
