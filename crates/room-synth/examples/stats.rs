@@ -27,9 +27,10 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         World::new(Split::Test, seed, rooms, &WorldParams { rescans: false, ..WorldParams::default() });
     let tree = size_tree(&world, &test);
     println!(
-        "tree on box sizes, {} rooms to test rooms: accuracy {:.1} %, class mean {:.1} %; with none {:.1} %, {:.1} %",
+        "tree on box sizes, {} rooms to test rooms: accuracy {:.1} % ({:.1} % without wall and floor), class mean {:.1} %; with none {:.1} %, {:.1} %",
         split.name(),
         100.0 * tree.accuracy,
+        100.0 * tree.furniture,
         100.0 * tree.class_mean,
         100.0 * tree.with_none[0],
         100.0 * tree.with_none[1]

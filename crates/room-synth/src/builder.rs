@@ -423,7 +423,7 @@ fn place_for(label: &str, family: Family, drawn: Place) -> Place {
             Place::On(&["chair", "bed", "bath cabinet", "washing machine"], Contact::LyingOn)
         }
         ("mirror", _) if drawn == Place::Back => Place::Lean,
-        ("shelf", Family::Shelf) if matches!(drawn, Place::Back) => drawn,
+        ("shelf", Family::WallBoard) => Place::Wall(1.1, 1.8, Contact::AttachedTo),
         _ => drawn,
     }
 }

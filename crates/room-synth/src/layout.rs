@@ -188,7 +188,7 @@ fn counter(
     top: f32,
 ) {
     let Some(&(last, u1)) = bases.last() else { return };
-    let (length, thick) = (u1 + width - u0, b.draw.range(0.1, 0.2));
+    let (length, thick) = (u1 + width - u0, b.draw.range(0.06, 0.27));
     let middle = u0 + length / 2.0;
     let pose = line.pose(middle, 0.005, depth + 0.02, top + 0.002);
     let hole = (length > 0.8 && b.draw.chance(0.72)).then(|| {

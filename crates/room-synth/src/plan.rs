@@ -134,7 +134,7 @@ impl Plan {
                 walls.push(line(a, b));
             }
         }
-        let open = draw.weighted([0.32, 0.38, 0.3].into_iter());
+        let open = draw.weighted([0.22, 0.36, 0.42].into_iter());
         for _ in 0..open {
             let k = draw.below(walls.len());
             walls[k].open = true;

@@ -38,7 +38,7 @@ const NEWCOMERS: &[(&str, f32)] = &[
 
 /// The frame of the reference scan: its own origin and yaw.
 pub(crate) fn reference_from_room(draw: &mut Draw) -> Isometry3<f64> {
-    let yaw = f64::from(draw.range(-3.14, 3.14));
+    let yaw = f64::from(draw.range(-std::f32::consts::PI, std::f32::consts::PI));
     let t = Translation3::new(
         f64::from(draw.range(-1.5, 1.5)),
         f64::from(draw.range(-1.5, 1.5)),
@@ -83,6 +83,7 @@ pub(crate) fn rescan(
     let mut before: BTreeMap<u32, Isometry3<f32>> =
         b.out.iter().map(|i| (i.id, i.room_from_object)).collect();
     shift_all(&mut b);
+    let moved: BTreeMap<u32, Isometry3<f32>> = b.out.iter().map(|i| (i.id, i.room_from_object)).collect();
     let nonrigid = deform(&mut b);
     newcomers(&mut b);
     overlook(&mut b, &before);
@@ -91,11 +92,11 @@ pub(crate) fn rescan(
     let room_from_reference = reference.scan_from_room.inverse();
     let mut moves = Vec::new();
     for i in &b.out {
-        let Some(old) = before.remove(&i.id) else { continue };
-        if old == i.room_from_object {
+        let (Some(old), Some(new)) = (before.remove(&i.id), moved.get(&i.id)) else { continue };
+        if old == *new {
             continue;
         }
-        let motion = i.room_from_object.cast::<f64>() * old.cast::<f64>().inverse();
+        let motion = new.cast::<f64>() * old.cast::<f64>().inverse();
         moves.push(RigidMove {
             instance_reference: i.id,
             instance_rescan: i.id,
@@ -115,7 +116,7 @@ pub(crate) fn rescan(
 
 fn rates(i: &Instance) -> [f32; 3] {
     match i.label {
-        "door" => [0.11, 0.0, 0.0],
+        "door" => [0.088, 0.0, 0.0],
         "curtain" => [0.0, 0.0, 0.3],
         "shower curtain" => [0.0, 0.0, 0.35],
         "blinds" => [0.0, 0.0, 0.18],
@@ -255,7 +256,7 @@ fn deform(b: &mut Builder) -> Vec<u32> {
     let mut out = Vec::new();
     for k in 0..b.out.len() {
         let rate = rates(&b.out[k])[2];
-        if rate > 0.0 && b.draw.chance((1.6 * rate).min(0.7)) {
+        if rate > 0.0 && b.draw.chance((1.45 * rate).min(0.7)) {
             let detail = b.draw.word();
             let narrower = b.draw.range(0.6, 1.0);
             let i = &mut b.out[k];

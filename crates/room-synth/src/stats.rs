@@ -347,7 +347,9 @@ pub struct SizeTree {
     pub accuracy: f64,
     /// Mean over classes of the share of right answers.
     pub class_mean: f64,
-    /// The same with clutter as a 21st class.
+    /// Share of right answers over the instances that are neither wall nor floor.
+    pub furniture: f64,
+    /// Accuracy and class mean with clutter as a 21st class.
     pub with_none: [f64; 2],
     /// Recall and number per class.
     pub per_class: Vec<(&'static str, f64, usize)>,
@@ -379,7 +381,14 @@ pub fn size_tree(train: &World, test: &World) -> SizeTree {
     let (a, c, _) = run(true);
     let per_class =
         classes.iter().zip(&right).map(|(c, r)| (*c, r[0] as f64 / r[1].max(1) as f64, r[1])).collect();
-    SizeTree { accuracy, class_mean, with_none: [a, c], per_class }
+    let (mut r, mut n) = (0, 0);
+    for (class, [right, all]) in classes.iter().zip(&right) {
+        if !matches!(*class, "wall" | "floor") {
+            (r, n) = (r + right, n + all);
+        }
+    }
+    let furniture = r as f64 / n.max(1) as f64;
+    SizeTree { accuracy, furniture, class_mean, with_none: [a, c], per_class }
 }
 
 /// Size and height of every annotated instance of the reference scans, with its class.

@@ -1,5 +1,7 @@
 //! Nothing floats, nothing stands in something else, and people do not walk through furniture.
 
+#![allow(clippy::unwrap_used, reason = "a test")]
+
 use nalgebra::{Isometry3, Point3, Vector3};
 use parry3d::math::{Pose, Rotation, Vector};
 use parry3d::query::{Ray, RayCast as _, intersection_test};

@@ -1,5 +1,7 @@
 //! Frames against rays that parry casts at the same meshes.
 
+#![allow(clippy::unwrap_used, reason = "a test")]
+
 use nalgebra::{Point3, Vector3};
 use parry3d::math::Vector;
 use parry3d::query::{Ray, RayCast as _};

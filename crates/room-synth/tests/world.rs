@@ -1,5 +1,7 @@
 //! The world as a data set: determinism, transforms, relations.
 
+#![allow(clippy::unwrap_used, reason = "a test")]
+
 use nalgebra::{Isometry3, Point3};
 use proptest::prelude::*;
 use room_synth::{Geometry, Split, World, WorldParams, stats};
