@@ -2,9 +2,13 @@
 
 mod align;
 mod bench;
+mod check;
+mod export;
 mod infer;
+mod merge;
 mod samples;
 mod scan;
+mod synth;
 
 use anyhow::Result;
 use std::process::ExitCode;
@@ -15,6 +19,14 @@ pub(crate) enum Command {
     Scan(scan::Args),
     /// Run the benchmark and write a report.
     Bench(Box<bench::Args>),
+    /// Merge graph files in the order given.
+    Merge(merge::Args),
+    /// Say what is wrong with a recording: units, poses, gravity, unreadable frames.
+    Check(check::Args),
+    /// Write a graph for other programs.
+    Export(export::Args),
+    /// Write generated rooms in 3RScan's form, or print their statistics.
+    Synth(synth::Args),
     /// Align a query graph with a reference graph, or a folder of cases.
     Align(align::Args),
     /// Recompute stored vectors of the network and compare every tensor.
@@ -28,6 +40,10 @@ impl Command {
         match self {
             Self::Scan(a) => a.run(),
             Self::Bench(a) => a.run(),
+            Self::Merge(a) => a.run(),
+            Self::Check(a) => a.run(),
+            Self::Export(a) => a.run(),
+            Self::Synth(a) => a.run(),
             Self::Align(a) => a.run(),
             Self::Infer(a) => a.run(),
             Self::Samples(a) => a.run(),

@@ -1,0 +1,118 @@
+//! `ma3dsg merge A B [C …]`: graph files folded in the order given.
+
+use super::say;
+use crate::files;
+use anyhow::{Context, Result};
+use graph_align::json::{GraphFile, pairs_line, row_major};
+use graph_align::paper::TransformReading;
+use graph_align::{Outcome, PaperParams, Params, Query, Vocabulary, align, update};
+use serde_json::{Value, json};
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+#[derive(clap::Args)]
+pub(crate) struct Args {
+    /// Graph files; the result is in the first one's frame.
+    #[arg(required = true, num_args = 2..)]
+    graphs: Vec<PathBuf>,
+    /// Merged graph file.
+    #[arg(short, long, value_name = "OUT")]
+    out: Option<PathBuf>,
+    /// Print JSON.
+    #[arg(long)]
+    json: bool,
+    /// The files share one frame already: no transform is estimated.
+    #[arg(long)]
+    shared_frame: bool,
+    /// Seed of the random anchors.
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+}
+
+impl Args {
+    pub(crate) fn run(self) -> Result<ExitCode> {
+        let transform = if self.shared_frame { TransformReading::Shared } else { TransformReading::FitMap };
+        let params = Params {
+            paper: PaperParams { transform, ..PaperParams::default() },
+            seed: self.seed,
+            ..Params::default()
+        };
+        let mut vocabulary = Vocabulary::default();
+        let mut loaded = Vec::new();
+        for path in &self.graphs {
+            let mut read = || -> Result<_> {
+                let file = GraphFile::parse(&files::read_text(path)?)?;
+                let graph = file.to_graph(&mut vocabulary)?;
+                Ok((graph, file.gravity_aligned.unwrap_or(true), file.provenance))
+            };
+            loaded.push(read().with_context(|| format!("{}", path.display()))?);
+        }
+        let mut graph = loaded[0].0.clone();
+        let mut merges = Vec::new();
+        for (path, (query, up, _)) in self.graphs.iter().zip(&loaded).skip(1) {
+            let ask = Query { gravity_aligned: *up && loaded[0].1, ..Query::new(query) };
+            let outcome = align(&graph, &ask, &params);
+            if let Outcome::Match(_) = &outcome {
+                graph = update(&graph, &ask, &outcome, &params);
+            }
+            let (text, value) = describe(&outcome);
+            if !self.json {
+                say(format!("{}: {text}", path.display()));
+            }
+            merges.push(json!({"file": path, "merge": value}));
+        }
+        let merged = merges.iter().filter(|m| m["merge"]["outcome"] == "match").count();
+        let summary = format!(
+            "{merged} of {} graphs merged: {} objects, {} relations",
+            merges.len(),
+            graph.len(),
+            graph.edges().len()
+        );
+        if self.json {
+            let v = json!({"merges": merges, "nodes": graph.len(), "edges": graph.edges().len()});
+            say(serde_json::to_string_pretty(&v)?);
+        } else {
+            say(summary);
+        }
+        if let Some(out) = &self.out {
+            let mut file = GraphFile::of_graph(&graph, &vocabulary);
+            file.gravity_aligned = Some(loaded[0].1);
+            file.provenance = json!({
+                "command": std::env::args().collect::<Vec<_>>().join(" "),
+                "version": env!("CARGO_PKG_VERSION"),
+                "inputs": loaded.iter().map(|l| &l.2).collect::<Vec<&Value>>(),
+                "merges": merges,
+            });
+            files::write(out, &serde_json::to_vec_pretty(&file)?)?;
+        }
+        Ok(ExitCode::SUCCESS)
+    }
+}
+
+fn describe(outcome: &Outcome) -> (String, Value) {
+    match outcome {
+        Outcome::Match(m) => {
+            let margin = m.margin.map_or("none computed".to_owned(), |m| m.to_string());
+            let t = row_major(&m.reference_from_query);
+            (
+                format!(
+                    "match, score {}, margin {margin}\n  T_a_b {t:?}\n  pairs (b-a) {}",
+                    m.score,
+                    pairs_line(m)
+                ),
+                json!({
+                    "outcome": "match", "T_a_b": t, "score": m.score, "margin": m.margin,
+                    "pairs": m.pairs.iter().map(|(q, r)| [q.0, r.0]).collect::<Vec<_>>(),
+                }),
+            )
+        }
+        Outcome::Ambiguous { candidates } => (
+            format!("ambiguous, {} candidates: not merged", candidates.len()),
+            json!({"outcome": "ambiguous", "candidates": candidates.iter().map(|c| row_major(&c.reference_from_query)).collect::<Vec<_>>()}),
+        ),
+        Outcome::NoMatch { why } => (
+            format!("no match ({}): not merged", why.word()),
+            json!({"outcome": "no_match", "why": why.word()}),
+        ),
+    }
+}
