@@ -187,7 +187,7 @@ impl Visit {
         let mut draw = Draw::new(self.seed, "frame", &[u64::from(index)]);
         self.scene.draw(&pose, &self.intrinsics, &mut self.image);
         let depth = self.sensor.measure(&self.image, &self.scene, &mut draw);
-        let world_from_camera = self.tracker.report(&pose, &mut draw);
+        let world_from_camera = self.tracker.report(&pose, &mut draw).map(|p| scan3r::pose::settled(&p));
         let time = f64::from(index) / f64::from(RATE);
         Some(Frame { index, time, depth, intrinsics: self.intrinsics, world_from_camera })
     }

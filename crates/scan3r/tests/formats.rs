@@ -5,7 +5,7 @@ use proptest::prelude::*;
 use scan3r::depth_image::{DepthImage, read_pgm, read_png, write_pgm, write_png};
 use scan3r::info::SequenceInfo;
 use scan3r::ply::{AnnotatedVertices, read_ply, write_ply};
-use scan3r::pose::{parse_pose, pose_text};
+use scan3r::pose::{parse_pose, pose_text, settled};
 use scan3r::{
     Annotation, Dataset, Error, Folder, Format, Frame, FrameStream, Intrinsics, Recording, Relation,
     RoomEntry, write_dataset,
@@ -95,6 +95,9 @@ proptest! {
         let pose = Isometry3::from_parts(Translation3::from(t), UnitQuaternion::new(Vector3::from(r)));
         let back = parse_pose(&pose_text(Some(&pose)), file()).expect("pose").expect("valid");
         prop_assert!((back.to_homogeneous() - pose.to_homogeneous()).amax() < 1e-5);
+        let s = settled(&pose);
+        prop_assert!((s.to_homogeneous() - pose.to_homogeneous()).amax() < 3e-5);
+        prop_assert_eq!(parse_pose(&pose_text(Some(&s)), file()).expect("pose").expect("valid"), s);
     }
 }
 

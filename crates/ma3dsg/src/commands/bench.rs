@@ -76,6 +76,18 @@ pub(crate) struct Args {
     /// Reading of the paper's pseudo-code.
     #[arg(long, default_value = "default")]
     reading: String,
+    /// Which generated rooms: test, or validation for tuning.
+    #[arg(long, default_value = "test", value_parser = ["train", "validation", "test"])]
+    split: String,
+    /// A node needs this probability of its class.
+    #[arg(long)]
+    min_class: Option<f32>,
+    /// An edge needs this probability of its predicate.
+    #[arg(long)]
+    min_predicate: Option<f32>,
+    /// Segments join above this probability of `same part`.
+    #[arg(long)]
+    min_same_part: Option<f32>,
     /// First seed.
     #[arg(long, default_value_t = 1)]
     seed: u64,
@@ -193,7 +205,10 @@ impl Args {
         let rooms = self.domain.iter().copied().max().unwrap_or(1);
         Ok(match &self.data {
             Some(dir) => Box::new(Folder::open(dir)?),
-            None => Box::new(World::new(Split::Test, seed, rooms, &WorldParams::default())),
+            None => {
+                let split = Split::parse(&self.split).context("--split")?;
+                Box::new(World::new(split, seed, rooms, &WorldParams::default()))
+            }
         })
     }
 
@@ -218,6 +233,15 @@ impl Args {
         Ok(Params { paper, seed: self.seed, ..Params::default() })
     }
 
+    fn robot(&self) -> RobotParams {
+        let mut robot = pipeline::robot(Quality::Bench);
+        robot.segmentation = pipeline::segmentation(gsm::Profile::TofPhone);
+        robot.graph.min_class = self.min_class.unwrap_or(robot.graph.min_class);
+        robot.graph.min_predicate = self.min_predicate.unwrap_or(robot.graph.min_predicate);
+        robot.graph.min_same_part = self.min_same_part.unwrap_or(robot.graph.min_same_part);
+        robot
+    }
+
     /// Everything that decides about numbers, for the report and for `--resume`.
     fn params(&self, weights: &Weights) -> Value {
         json!({
@@ -225,7 +249,8 @@ impl Args {
             "connect": self.connect, "labels": self.labels, "truth": self.truth, "publish": self.publish,
             "replay": self.replay, "delay": self.delay, "loss": self.loss, "gap": self.gap,
             "theta_dis": self.theta_dis, "theta_len": self.theta_len, "theta_bbox": self.theta_bbox,
-            "reading": self.reading, "data": self.data, "weights": weights.sha256,
+            "reading": self.reading, "split": self.split, "min_class": self.min_class,
+            "min_predicate": self.min_predicate, "min_same_part": self.min_same_part, "data": self.data, "weights": weights.sha256,
             "version": env!("CARGO_PKG_VERSION"),
         })
     }
@@ -272,10 +297,7 @@ impl Args {
             link: LinkParams { loss: self.loss, delay_ds: (self.delay * 10.0).round() as u32 },
             align: self.align()?,
             local: LocalParams {
-                robot: RobotParams {
-                    segmentation: pipeline::segmentation(gsm::Profile::TofPhone),
-                    ..pipeline::robot(Quality::Bench)
-                },
+                robot: self.robot(),
                 model: &weights.model,
                 labels,
                 vocabulary: &vocabulary,

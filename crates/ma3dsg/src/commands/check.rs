@@ -181,7 +181,9 @@ fn poses(frames: &[Frame]) -> Option<String> {
     }
 }
 
-/// Whether z is up where the format promises it.
+/// Whether z is up where the format promises it. Planes of a room are parallel or perpendicular to
+/// gravity; which of these axes is up, planes alone do not say safely, but a camera in a hand moves
+/// least along it.
 fn up(frames: &[Frame], has_gravity: bool) -> Result<Option<String>> {
     let mut map = Map::new(pipeline::segmentation(gsm::Profile::TofPhone))?;
     for f in frames {
@@ -191,8 +193,30 @@ fn up(frames: &[Frame], has_gravity: bool) -> Result<Option<String>> {
         say("gravity: too few planes to estimate up");
         return Ok(None);
     };
-    let angle = up.angle(&Vector3::z()).to_degrees();
-    say(format!("gravity: estimated up [{:.2}, {:.2}, {:.2}], {angle:.0} degrees from z", up.x, up.y, up.z));
-    Ok((has_gravity && angle > 20.0)
-        .then(|| format!("gravity: this format's z axis is up, but planes say {angle:.0} degrees off it")))
+    let planes: Vec<(f32, Vector3<f32>)> =
+        map.segments().filter(|s| s.surfels() >= 100).map(|s| (s.area(), s.plane().normal)).collect();
+    let total: f32 = planes.iter().map(|p| p.0).sum();
+    let aligned = |axis: &Vector3<f32>| {
+        let fits = |n: &Vector3<f32>| n.dot(axis).abs() > 0.97 || n.dot(axis).abs() < 0.15;
+        planes.iter().filter(|p| fits(&p.1)).map(|p| p.0).sum::<f32>() / total.max(1e-6)
+    };
+    let spread = |axis: &Vector3<f32>| {
+        let v: Vec<f32> =
+            frames.iter().filter_map(|f| Some(f.world_from_camera?.translation.vector.dot(axis))).collect();
+        let mean = v.iter().sum::<f32>() / v.len().max(1) as f32;
+        (v.iter().map(|x| (x - mean).powi(2)).sum::<f32>() / v.len().max(1) as f32).sqrt()
+    };
+    let (z, angle) = (Vector3::z(), up.angle(&Vector3::z()).to_degrees());
+    say(format!(
+        "gravity: estimated up [{:.2}, {:.2}, {:.2}], {angle:.0} degrees from z; {:.0} % of the plane area fits z as up",
+        up.x,
+        up.y,
+        up.z,
+        100.0 * aligned(&z)
+    ));
+    let tilted = angle > 20.0 && aligned(&z) < aligned(&up) - 0.15;
+    let lying = angle > 60.0 && spread(&z) > 2.0 * spread(&up) && spread(&z) > 0.2;
+    Ok((has_gravity && (tilted || lying)).then(|| {
+        format!("gravity: this format's z axis is up, but planes and path say {angle:.0} degrees off it")
+    }))
 }

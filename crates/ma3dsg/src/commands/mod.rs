@@ -3,6 +3,7 @@
 mod align;
 mod bench;
 mod check;
+mod eval;
 mod export;
 mod infer;
 mod merge;
@@ -31,6 +32,8 @@ pub(crate) enum Command {
     Align(align::Args),
     /// Recompute stored vectors of the network and compare every tensor.
     Infer(infer::Args),
+    /// The network on true instances of generated rooms, beside a tree on box sizes.
+    EvalInstances(eval::Args),
     /// Write training samples from generated rooms.
     Samples(samples::Args),
 }
@@ -46,6 +49,7 @@ impl Command {
             Self::Synth(a) => a.run(),
             Self::Align(a) => a.run(),
             Self::Infer(a) => a.run(),
+            Self::EvalInstances(a) => a.run(),
             Self::Samples(a) => a.run(),
         }
     }
