@@ -79,16 +79,17 @@ pub fn settled(pose: &Isometry3<f32>) -> Isometry3<f32> {
     let read =
         |p: &Isometry3<f32>| parse_pose(&pose_text(Some(p)), Path::new("")).ok().flatten().unwrap_or(*p);
     let mut p = read(pose);
-    for round in 0..64 {
+    for round in 0..400_u16 {
         let next = read(&p);
         if next == p {
             break;
         }
         p = next;
-        if round % 8 == 7 {
-            // Rounding goes round in a circle: leave it.
-            let q = p.rotation.into_inner();
-            p.rotation = UnitQuaternion::new_normalize(Quaternion::new(q.w, q.i + 1e-6, q.j, q.k));
+        if round % 4 == 3 {
+            // Rounding goes round in a circle: leave it, each time along another axis.
+            let mut q = p.rotation.into_inner();
+            q.coords[usize::from(round / 4) % 3] += 4e-7;
+            p.rotation = UnitQuaternion::new_normalize(q);
         }
     }
     p
