@@ -92,8 +92,19 @@ pub fn run_cell(
     )?;
     let placements = layout::place(data, rooms, p.gap, seed)?;
     let agent_frames = AgentFrames::new(p.frames, seed);
-    compute_visits(data, &plan, &placements, &agent_frames, p, cache, visited)?;
-    let locals: Vec<&Local> = plan.visits.iter().map(|v| &cache.locals[&key(v, p.frames)]).collect();
+    // Systems of one agent have one frame, and the oracle knows all of them: both work in the domain's.
+    let mut modes = vec![p.frames];
+    if unknown && p.systems.iter().any(|s| !s.needs_frames()) {
+        modes.push(FramesMode::Shared);
+    }
+    for &mode in &modes {
+        compute_visits(data, &plan, &placements, &AgentFrames::new(mode, seed), p, cache, visited)?;
+    }
+    let of_mode = |mode: FramesMode| -> Vec<&Local> {
+        plan.visits.iter().filter_map(|v| cache.locals.get(&key(v, mode))).collect()
+    };
+    let locals = of_mode(p.frames);
+    let aligned = if modes.len() > 1 { of_mode(FramesMode::Shared) } else { locals.clone() };
 
     let mut seen = SeenScans::new();
     for (v, local) in plan.visits.iter().zip(&locals) {
@@ -113,7 +124,7 @@ pub fn run_cell(
         clocks: p.local.clocks,
     };
     let cell = Cell { plan: &plan, placements: &placements, truth: &truth, scenario, rooms, seed, p };
-    cell.results(&locals, &multi, seen.len())
+    cell.results(&locals, &aligned, &multi, seen.len())
 }
 
 fn key(v: &Visit, mode: FramesMode) -> (String, u64, u32, usize) {
@@ -133,8 +144,9 @@ fn compute_visits(
     cache: &mut Cache,
     visited: &(dyn Fn(usize, usize) + Sync),
 ) -> Result<(), Error> {
+    let mode = frames.mode();
     let missing: Vec<&Visit> =
-        plan.visits.iter().filter(|v| !cache.locals.contains_key(&key(v, p.frames))).collect();
+        plan.visits.iter().filter(|v| !cache.locals.contains_key(&key(v, mode))).collect();
     let next = AtomicUsize::new(0);
     let done = Mutex::new(Vec::new());
     let failed = Mutex::new(None);
@@ -143,7 +155,7 @@ fn compute_visits(
             let k = next.fetch_add(1, Ordering::Relaxed);
             let Some(&v) = missing.get(k) else { break };
             match one_visit(data, v, placements, frames, p) {
-                Ok(local) => lock(&done).push((key(v, p.frames), local)),
+                Ok(local) => lock(&done).push((key(v, mode), local)),
                 Err(e) => {
                     next.store(missing.len(), Ordering::Relaxed);
                     lock(&failed).get_or_insert(e);
@@ -196,12 +208,19 @@ struct Cell<'a> {
 }
 
 impl Cell<'_> {
-    fn results(&self, locals: &[&Local], multi: &MultiParams<'_>, scans: usize) -> Result<CellResult, Error> {
+    fn results(
+        &self,
+        locals: &[&Local],
+        aligned: &[&Local],
+        multi: &MultiParams<'_>,
+        scans: usize,
+    ) -> Result<CellResult, Error> {
         let vocabulary = self.p.local.vocabulary;
         let single_frames: u64 =
             self.plan.visits.iter().filter(|v| v.pass == 0).map(|v| u64::from(v.len())).sum();
         let mut out = CellResult { rows: Vec::new(), truth: Value::Null, files: Vec::new() };
         for &system in &self.p.systems {
+            let locals = if system.needs_frames() { locals } else { aligned };
             let made = if system.is_multi_agent() {
                 multi_agent(system, self.plan, locals, multi)?
             } else {

@@ -19,6 +19,12 @@ impl AgentFrames {
         Self { mode, seed }
     }
 
+    /// The mode.
+    #[must_use]
+    pub fn mode(&self) -> FramesMode {
+        self.mode
+    }
+
     /// The number of the frame in which a visit's graph stands: 0 is shared, others are an agent's
     /// or a visit's own.
     #[must_use]

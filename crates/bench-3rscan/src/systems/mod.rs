@@ -84,6 +84,12 @@ impl System {
         matches!(self, Self::Ma3dsg | Self::Paper | Self::Append | Self::Oracle)
     }
 
+    /// True where agents have to find out how their frames lie to one another.
+    #[must_use]
+    pub fn needs_frames(self) -> bool {
+        self.is_multi_agent() && self != Self::Oracle
+    }
+
     /// Which local graphs it is made of.
     #[must_use]
     pub fn variant(self) -> Variant {

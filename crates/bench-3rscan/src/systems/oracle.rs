@@ -19,12 +19,15 @@ struct Object {
 /// (room, instance, index of the visit for nodes without an instance, else 0, node).
 type Name = (usize, u32, usize, u64);
 
+/// Directed edges by their ends: the round that they are from, and the summed score per predicate.
+type Edges = BTreeMap<(Name, Name), (usize, BTreeMap<PredicateId, f32>)>;
+
 /// Merges the network's local graphs by true instance: boxes of one round are united, a later
 /// round's replace them; classes add up; an object that a rescan lists as removed goes. Nodes that
 /// show no instance are kept until their room is visited again.
 pub(super) fn merge(plan: &Plan, locals: &[&Local], rooms: &[RoomEntry]) -> SceneGraph {
     let mut objects: BTreeMap<Name, Object> = BTreeMap::new();
-    let mut edges: BTreeMap<(Name, Name), (usize, BTreeMap<PredicateId, f32>)> = BTreeMap::new();
+    let mut edges = Edges::new();
     for (k, v) in plan.visits.iter().enumerate() {
         if v.round > 0 {
             let gone = rooms[v.room].scans[v.round - 1].removed.as_deref().unwrap_or(&[]);
@@ -66,10 +69,7 @@ fn observe(objects: &mut BTreeMap<Name, Object>, name: Name, n: &Node, round: us
     o.last_seen = o.last_seen.max(start);
 }
 
-fn write(
-    objects: &BTreeMap<Name, Object>,
-    edges: &BTreeMap<(Name, Name), (usize, BTreeMap<PredicateId, f32>)>,
-) -> SceneGraph {
+fn write(objects: &BTreeMap<Name, Object>, edges: &Edges) -> SceneGraph {
     let mut graph = SceneGraph::default();
     let ids: BTreeMap<Name, NodeId> =
         objects.keys().enumerate().map(|(k, n)| (*n, NodeId(k as u64))).collect();
