@@ -214,10 +214,15 @@ impl Builder<'_> {
             if shared >= wanted && !(self.p.connect && components(&owners, k) > 1) {
                 break;
             }
-            // When only the connection is missing, a room that does not connect is no use.
             let parts = group_of(&owners, k);
             let first = owners[room][0];
-            let candidates = (0..k).filter(|&a| a != first && (shared < wanted || parts[a] != parts[first]));
+            let busy = |a: usize| owners.iter().flatten().any(|&o| o == a);
+            // While agents are to be connected, a room goes to another group where there is one; an
+            // idle agent or one of the same group would use it up for nothing.
+            let connects = |a: usize| self.p.connect && parts[a] != parts[first] && busy(a);
+            let connecting = (0..k).any(connects);
+            let candidates =
+                (0..k).filter(|&a| a != first && if connecting { connects(a) } else { shared < wanted });
             if let Some(agent) = candidates.min_by_key(|&a| (load[a], a)) {
                 load[agent] += u64::from(self.data.frame_count(&self.data.rooms()[room].reference, 1)?);
                 owners[room].push(agent);

@@ -149,6 +149,18 @@ impl Seen {
         }
     }
 
+    /// Ends a visit: vertices that share a cell of the grid share its samples, so that the seen
+    /// surface does not shrink by the cell's size.
+    pub fn finish(&mut self, surface: &Surface) {
+        for (v, p) in surface.annotation.points.iter().enumerate() {
+            if let Some(first) = surface.vertex_near(p).filter(|&f| f != v)
+                && surface.annotation.instances[first] == surface.annotation.instances[v]
+            {
+                self.hits[v] = self.hits[v].max(self.hits[first]);
+            }
+        }
+    }
+
     /// Adds what another visit of the same scan saw.
     pub fn add(&mut self, other: &Self) {
         self.hits.iter_mut().zip(&other.hits).for_each(|(a, b)| *a = a.saturating_add(*b));

@@ -72,8 +72,8 @@ pub type SeenScans = BTreeMap<String, Seen>;
 /// One instance over the scans of its room.
 struct History {
     raw: String,
-    /// Round of the latest scan in which it is annotated.
-    latest: usize,
+    /// Rounds of the scans in which it is annotated, rising.
+    rounds: Vec<usize>,
     first: usize,
     samples: u64,
     bounds: Option<Box3>,
@@ -213,7 +213,7 @@ impl RoomTruth<'_> {
                 }
                 let h = all.entry(id).or_insert_with(|| History {
                     raw: raw.clone(),
-                    latest: round,
+                    rounds: Vec::new(),
                     first: round,
                     samples: 0,
                     bounds: None,
@@ -225,7 +225,7 @@ impl RoomTruth<'_> {
                 h.moved |= round > 0
                     && self.entry.scans[round - 1].rigid.moves().iter().any(|m| m.instance_reference == id);
                 h.raw.clone_from(raw);
-                h.latest = round;
+                h.rounds.push(round);
                 h.samples += samples;
                 h.extents.extend(whole.get(&id).copied());
                 if let Some((_, points, then)) = last_seen.get(&id) {
@@ -235,9 +235,6 @@ impl RoomTruth<'_> {
                     if let Some((lo, hi)) = layout::bounds(points.iter().map(|p| t * p)) {
                         h.bounds =
                             Some(Box3::new(nalgebra::center(&lo, &hi).coords.into(), (hi - lo).into())?);
-                        if samples >= MIN_SAMPLES {
-                            h.extents.push(hi - lo);
-                        }
                     }
                 }
             }
@@ -282,9 +279,9 @@ impl RoomTruth<'_> {
             }
         }
         // A later scan that shows both ends without this relation ends it.
-        latest.retain(|(s, t), (round, _)| {
-            let both = history.get(s).map(|h| h.latest).min(history.get(t).map(|h| h.latest));
-            both.is_some_and(|b| b <= *round)
+        latest.retain(|(s, t), (round, _)| match (history.get(s), history.get(t)) {
+            (Some(a), Some(b)) => !a.rounds.iter().any(|r| r > round && b.rounds.contains(r)),
+            _ => false,
         });
         Ok(latest.into_iter().map(|(k, (_, names))| (k, names)).collect())
     }

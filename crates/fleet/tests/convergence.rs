@@ -1,5 +1,7 @@
 //! Replicas converge, whatever is lost or late.
 
+#![allow(clippy::expect_used, reason = "a test that cannot go on fails")]
+
 use fleet::{LinkParams, Network, VersionVector};
 use graph_align::{Box3, Key, LabelId, Node, NodeId, Observation, SceneGraph, Vocabulary};
 use proptest::prelude::*;

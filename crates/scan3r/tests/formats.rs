@@ -1,5 +1,7 @@
 //! Each format against hand-made bytes, its own writer, and damage.
 
+#![allow(clippy::expect_used, reason = "a test that cannot go on fails")]
+
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use proptest::prelude::*;
 use scan3r::depth_image::{DepthImage, read_pgm, read_png, write_pgm, write_png};

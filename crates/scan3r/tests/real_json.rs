@@ -1,5 +1,7 @@
 //! The real metadata files parse completely and survive a round trip.
 
+#![allow(clippy::expect_used, reason = "a test that cannot go on fails")]
+
 use scan3r::relationships::RelationshipsFile;
 use scan3r::{RigidList, RoomEntry};
 use serde_json::Value;

@@ -1,5 +1,7 @@
 //! Every intermediate of the authors' modules, where the vectors are at hand.
 
+#![allow(clippy::expect_used, reason = "a test that cannot go on fails")]
+
 use sgfn_infer::{Graph, Model, Segment, Store, golden};
 use std::path::{Path, PathBuf};
 

@@ -119,6 +119,7 @@ pub fn run_visit(
         cpu_s += (p.clocks.cpu)() - ready;
         count += 1;
     }
+    seen.finish(surface);
     let start = (p.clocks.cpu)();
     robot.infer().map_err(pipeline)?;
     let set = robot.nodes().map_err(pipeline)?;
