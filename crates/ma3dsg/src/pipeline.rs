@@ -16,13 +16,15 @@ pub(crate) fn segmentation(profile: gsm::Profile) -> gsm::Params {
     gsm::Params { noise: gsm::NoiseModel::of(profile), ..gsm::Params::default() }
 }
 
-/// A robot with the thresholds that were tuned on validation rooms.
+/// A robot with the thresholds that were tuned on validation rooms (seed 5; docs/decisions.md).
 pub(crate) fn robot(quality: Quality) -> RobotParams {
     let infer_every = match quality {
         Quality::Bench => RobotParams::default().infer_every,
         Quality::UpAtEnd => 0,
     };
-    RobotParams { infer_every, graph: GraphParams::default(), ..RobotParams::default() }
+    let graph =
+        GraphParams { min_class: 0.5, min_same_part: 0.65, min_predicate: 0.4, ..GraphParams::default() };
+    RobotParams { infer_every, graph, ..RobotParams::default() }
 }
 
 /// The processor's name, for provenance.
