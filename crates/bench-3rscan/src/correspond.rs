@@ -16,7 +16,7 @@ pub enum Limit {
     Centre,
 }
 
-/// A box grown to [`MIN_SIDE`].
+/// A box grown to 0.10 m per axis.
 #[must_use]
 pub fn grown(b: &Box3) -> Box3 {
     let e = b.extent().map(|v| v.max(MIN_SIDE));

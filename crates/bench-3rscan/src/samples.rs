@@ -202,9 +202,9 @@ pub fn of_visit(
     Ok(samples)
 }
 
-/// Samples as one safetensors file. Per graph `<k>.points` [N, P, 6] f32 (xyz in metres, normal;
-/// short nodes repeat their points), `<k>.classes` [N] i64, `<k>.edges` [E, 2] i64,
-/// `<k>.predicates` [E] i64; metadata `kinds` names the kind of each graph, one a line.
+/// Samples as one safetensors file. Per graph `<k>.points` of shape `[N, P, 6]` in f32 (xyz in metres,
+/// normal; short nodes repeat their points), `<k>.classes` `[N]`, `<k>.edges` `[E, 2]` and
+/// `<k>.predicates` `[E]` in i64; metadata `kinds` names the kind of each graph, one a line.
 ///
 /// # Errors
 /// Nothing that samples of [`of_visit`] can cause.

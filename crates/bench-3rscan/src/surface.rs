@@ -24,7 +24,7 @@ pub struct Surface {
 }
 
 impl Surface {
-    /// Builds the grid: cells that hold vertices, then their neighbours, [`REACH`] times.
+    /// Builds the grid: cells that hold vertices, then their neighbours, twice.
     #[must_use]
     pub fn new(annotation: Annotation) -> Self {
         let pad = f32::from(REACH) * CELL;

@@ -10,7 +10,7 @@ use std::process::ExitCode;
 
 #[derive(clap::Args)]
 pub(crate) struct Args {
-    /// Folder with <model>.weights.safetensors and <model>.graph_<case>.safetensors.
+    /// Folder with MODEL.weights.safetensors and MODEL.graph_CASE.safetensors.
     #[arg(long, value_name = "DIR")]
     golden: PathBuf,
     /// Where to write the comparison as golden.json.
