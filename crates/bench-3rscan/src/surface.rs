@@ -24,7 +24,7 @@ pub struct Surface {
 }
 
 impl Surface {
-    /// Builds the grid: cells that hold vertices, then their neighbours, twice.
+    /// Builds the grid: cells that hold vertices, then the 26 cells round each, then their neighbours.
     #[must_use]
     pub fn new(annotation: Annotation) -> Self {
         let pad = f32::from(REACH) * CELL;
@@ -56,17 +56,26 @@ impl Surface {
                 front.push_back((at, 0_u8));
             }
         }
-        let strides = [1, self.size[0], self.size[0] * self.size[1]];
-        while let Some((at, steps)) = front.pop_front() {
-            if steps == REACH {
-                continue;
+        let strides = [1, self.size[0] as isize, (self.size[0] * self.size[1]) as isize];
+        // The first step goes round corners: a sample a hair off a vertex may lie in any of the 26
+        // cells round the vertex's own.
+        let mut round = Vec::new();
+        for k in -1..=1 {
+            for j in -1..=1 {
+                round.extend((-1..=1).map(|i| i * strides[0] + j * strides[1] + k * strides[2]));
             }
-            for stride in strides {
-                for next in [at.checked_sub(stride), Some(at + stride)].into_iter().flatten() {
-                    if next < self.nearest.len() && self.nearest[next] == 0 {
-                        self.nearest[next] = self.nearest[at];
-                        front.push_back((next, steps + 1));
-                    }
+        }
+        let straight: Vec<isize> = strides.iter().flat_map(|&s| [-s, s]).collect();
+        while let Some((at, steps)) = front.pop_front() {
+            let offsets = match steps {
+                0 => &round,
+                REACH => continue,
+                _ => &straight,
+            };
+            for next in offsets.iter().filter_map(|&o| at.checked_add_signed(o)) {
+                if next < self.nearest.len() && self.nearest[next] == 0 {
+                    self.nearest[next] = self.nearest[at];
+                    front.push_back((next, steps + 1));
                 }
             }
         }
