@@ -1,1 +1,7 @@
-//! Criterion benches; run them with `cargo bench -p benches`.
+//! Inputs for the criterion benches (`cargo bench -p benches`) and for tuning: furnished buildings as
+//! graphs, and alignment cases with truth.
+
+#![allow(clippy::unwrap_used, clippy::print_stdout, reason = "a package of benches")]
+
+pub mod building;
+pub mod cases;

@@ -1,6 +1,7 @@
 //! The question and its answer.
 
 use crate::paper::{self, PaperParams};
+use crate::robust::{self, Index, RobustParams};
 use crate::{Looked, NodeId, SceneGraph};
 use nalgebra::Isometry3;
 use std::collections::BTreeMap;
@@ -31,8 +32,10 @@ impl<'a> Query<'a> {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Algorithm {
-    /// Algorithm 1 of the MA3DSG paper with its update rules; see [`paper`](crate::paper).
+    /// Search, verification, margin, refusal; see [`robust`](crate::robust).
     #[default]
+    Robust,
+    /// Algorithm 1 of the MA3DSG paper with its update rules; see [`paper`](crate::paper).
     Paper,
     /// No alignment: every query node is new. The floor that every alignment has to beat.
     Append,
@@ -43,9 +46,11 @@ pub enum Algorithm {
 pub struct Params {
     /// Which algorithm.
     pub algorithm: Algorithm,
+    /// Thresholds of the robust algorithm.
+    pub robust: RobustParams,
     /// Thresholds and readings of the paper's algorithm.
     pub paper: PaperParams,
-    /// Seed of every random draw.
+    /// Seed of the paper's anchors; the robust algorithm draws nothing.
     pub seed: u64,
 }
 
@@ -131,10 +136,22 @@ pub enum Outcome {
 /// ids and the order of nodes and edges.
 #[must_use]
 pub fn align(reference: &SceneGraph, query: &Query<'_>, params: &Params) -> Outcome {
+    let index = match params.algorithm {
+        Algorithm::Robust if !query.graph.is_empty() => Index::of(reference, &params.robust),
+        _ => Index::default(),
+    };
+    align_indexed(reference, &index, query, params)
+}
+
+/// As [`align`], with an [`Index`] of the reference that was made before or kept beside it; the
+/// other algorithms do not look at it.
+#[must_use]
+pub fn align_indexed(reference: &SceneGraph, index: &Index, query: &Query<'_>, params: &Params) -> Outcome {
     if reference.is_empty() || query.graph.is_empty() {
         return Outcome::NoMatch { why: Why::Empty };
     }
     match params.algorithm {
+        Algorithm::Robust => robust::align(reference, index, query, &params.robust),
         Algorithm::Paper => paper::align(reference, query, &params.paper, params.seed),
         Algorithm::Append => Outcome::NoMatch { why: Why::NotSearched },
     }

@@ -16,7 +16,7 @@
 //!
 //! let outcome = align(&map, &Query::new(&seen), &Params::default());
 //! let merged = update(&map, &Query::new(&seen), &outcome, &Params::default());
-//! // One chair is too little to be sure of the place: the paper's rule appends it.
+//! // One chair is too little to be sure of the place: it is appended.
 //! assert!(matches!(outcome, Outcome::NoMatch { .. }));
 //! assert_eq!(merged.nodes().count(), 2);
 //! # Ok::<(), graph_align::Error>(())
@@ -28,23 +28,26 @@
 mod align;
 mod box3;
 mod error;
+mod fit;
 mod graph;
 #[cfg(feature = "json")]
 pub mod json;
 mod looked;
 pub mod paper;
 mod replica;
+pub mod robust;
 mod update;
 mod vocabulary;
 #[cfg(feature = "wire")]
 pub mod wire;
 
-pub use align::{Algorithm, Match, Outcome, Params, Query, Verdict, Why, align};
+pub use align::{Algorithm, Match, Outcome, Params, Query, Verdict, Why, align, align_indexed};
 pub use box3::Box3;
 pub use error::Error;
 pub use graph::{Edge, Node, NodeId, SceneGraph};
 pub use looked::Looked;
 pub use paper::PaperParams;
+pub use robust::{Index, RobustParams};
 pub use replica::{Folded, Key, Observation, Replica};
 pub use update::{append, update};
 pub use vocabulary::{LabelId, PredicateId, Vocabulary};

@@ -8,8 +8,8 @@
 mod rules;
 mod search;
 
-use crate::{Match, Outcome, Query, SceneGraph, Verdict, Why};
-use nalgebra::{Isometry3, Rotation3, Translation3, UnitQuaternion, Vector3};
+use crate::{fit, Match, Outcome, Query, SceneGraph, Verdict, Why};
+use nalgebra::Isometry3;
 
 pub use rules::verdicts;
 
@@ -126,7 +126,7 @@ pub(crate) fn align(reference: &SceneGraph, query: &Query<'_>, params: &PaperPar
     }
     let t = match params.transform {
         TransformReading::Shared => query.prior.unwrap_or_else(Isometry3::identity),
-        TransformReading::FitMap => fit(reference, query, &found.map),
+        TransformReading::FitMap => fit_map(reference, query, &found.map),
     };
     let verdicts = verdicts(reference, query.graph, &t, params);
     let pairs = verdicts
@@ -146,39 +146,14 @@ pub(crate) fn align(reference: &SceneGraph, query: &Query<'_>, params: &PaperPar
     })
 }
 
-/// Least squares on the centroids of mapped nodes (Umeyama 1991 without scale; with gravity the
-/// closed form psi = atan2(sum (a x b)_z, sum a . b) over centred xy).
-fn fit(reference: &SceneGraph, query: &Query<'_>, map: &search::NodeMap) -> Isometry3<f32> {
-    let points: Vec<(Vector3<f64>, Vector3<f64>)> = map
+/// Least squares on the centroids of mapped nodes.
+fn fit_map(reference: &SceneGraph, query: &Query<'_>, map: &search::NodeMap) -> Isometry3<f32> {
+    let points: Vec<_> = map
         .iter()
         .filter_map(|(&q, &r)| {
             let (q, r) = (query.graph.node(q)?, reference.node(r)?);
-            let wide = |v: nalgebra::Point3<f32>| v.coords.map(f64::from);
-            Some((wide(q.bounds.centroid()), wide(r.bounds.centroid())))
+            Some((q.bounds.centroid(), r.bounds.centroid(), 1.0))
         })
         .collect();
-    let n = points.len().max(1) as f64;
-    let (a0, b0) =
-        points.iter().fold((Vector3::zeros(), Vector3::zeros()), |(a, b), (p, q)| (a + p / n, b + q / n));
-    let rotation = if query.gravity_aligned {
-        let (mut sin, mut cos) = (0.0, 0.0);
-        for (p, q) in &points {
-            let (p, q) = (p - a0, q - b0);
-            sin += p.x * q.y - p.y * q.x;
-            cos += p.x * q.x + p.y * q.y;
-        }
-        Rotation3::from_axis_angle(&Vector3::z_axis(), f64::atan2(sin, cos))
-    } else {
-        let mut h = nalgebra::Matrix3::zeros();
-        for (p, q) in &points {
-            h += (q - b0) * (p - a0).transpose();
-        }
-        let svd = h.svd(true, true);
-        let (u, vt) = (svd.u.unwrap_or_default(), svd.v_t.unwrap_or_default());
-        let mut s = nalgebra::Matrix3::identity();
-        s[(2, 2)] = (u * vt).determinant().signum();
-        Rotation3::from_matrix_unchecked(u * s * vt)
-    };
-    let q = UnitQuaternion::from_rotation_matrix(&rotation);
-    Isometry3::from_parts(Translation3::from(b0 - q * a0), q).cast()
+    fit::rigid(&points, query.gravity_aligned)
 }

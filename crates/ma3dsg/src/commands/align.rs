@@ -5,7 +5,7 @@ use crate::files;
 use anyhow::{Context, Result, bail};
 use graph_align::json::{Case, GraphFile, pairs_line};
 use graph_align::paper::TransformReading;
-use graph_align::{Outcome, PaperParams, Params, Query, Vocabulary, align};
+use graph_align::{Algorithm, Outcome, PaperParams, Params, Query, RobustParams, Vocabulary, align};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -24,7 +24,7 @@ pub(crate) struct Args {
     /// Print JSON; with --cases the file to write.
     #[arg(long, value_name = "OUT", num_args = 0..=1, default_missing_value = "-")]
     json: Option<PathBuf>,
-    /// Which algorithm. `robust` is the paper's until the robust one exists.
+    /// Which algorithm.
     #[arg(long, default_value = "robust", value_parser = ["robust", "paper"])]
     algorithm: String,
     /// How the gaps of the paper's pseudo-code are read: default, literal, labels, per-call, fit,
@@ -45,7 +45,8 @@ impl Args {
             // Cases have frames of their own, which the paper's shared frame cannot express.
             paper.transform = TransformReading::FitMap;
         }
-        let params = Params { paper, seed: self.seed, ..Params::default() };
+        let algorithm = if self.algorithm == "paper" { Algorithm::Paper } else { Algorithm::Robust };
+        let params = Params { algorithm, paper, seed: self.seed, ..Params::default() };
         match (&self.cases, &self.query, &self.reference) {
             (Some(dir), ..) => self.cases(dir, &params),
             (None, Some(q), Some(r)) => self.pair(q, r, &params),
@@ -69,8 +70,9 @@ impl Args {
                 prior: case.prior,
                 gravity_aligned: case.gravity_aligned,
             };
+            let params = Params { robust: RobustParams::for_vocabulary(&vocabulary), ..params.clone() };
             let start = cpu_time::now();
-            let outcome = align(&case.reference, &query, params);
+            let outcome = align(&case.reference, &query, &params);
             answers.push(case.answer(&outcome, cpu_time::ms_since(start)));
         }
         let count = |word: &str| answers.iter().filter(|a| a["outcome"] == word).count();
@@ -104,8 +106,9 @@ impl Args {
         };
         let ((query, up_q), (reference, up_r)) = (load(query)?, load(reference)?);
         let ask = Query { gravity_aligned: up_q && up_r, ..Query::new(&query) };
+        let params = Params { robust: RobustParams::for_vocabulary(&vocabulary), ..params.clone() };
         let start = cpu_time::now();
-        let outcome = align(&reference, &ask, params);
+        let outcome = align(&reference, &ask, &params);
         let ms = cpu_time::ms_since(start);
         if self.json.is_some() {
             let case = Case {

@@ -1,0 +1,202 @@
+//! What a pose is worth: one-to-one pairs under it, and the log of how much better it explains both
+//! graphs than chance does.
+//!
+//! For a query node q and a reference node r at horizontal distance d and height difference h under
+//! the pose, the evidence is `ln L + ln S + ln G`:
+//! - L, labels: `s_q s_r / pi` for equal labels (scores s, share pi of the label in the reference),
+//!   else `(1 - s_q) s_r / (K pi_q) + (1 - s_r) s_q / (K pi_r)` with K labels;
+//! - S, sizes: a Gaussian of the log ratios of height and footprint against that of any two objects;
+//! - G, place: `exp(-d^2 / 2 s^2) / (2 pi s^2 rho)` with rho objects per square metre, and the same
+//!   for heights against objects of one kind, whose heights agree anyway.
+//!
+//! S and G are mixed with a share of outliers. The noise s is that of the pairs themselves, pulled
+//! towards a prior.
+
+use super::index::{Index, Item};
+use super::{RobustParams, Work};
+use crate::fit;
+use crate::Looked;
+use nalgebra::{Isometry3, Point3};
+use std::collections::BTreeSet;
+
+/// Noise of centroids that is assumed before any pair is seen, metres, and how many pairs that
+/// assumption is worth.
+const SIGMA: (f32, f32) = (0.12, 3.0);
+/// Noise of log sizes: height, footprint (it grows by a turn), and diagonal of tilted boxes.
+const SIZE_NOISE: [f32; 3] = [0.2, 0.25, 0.4];
+/// Spread of log sizes and heights over objects of one kind.
+const SIZE_SPREAD: f32 = 0.5;
+const HEIGHT_SPREAD: f32 = 0.25;
+/// Distances within which an object's surroundings are known where nothing says what was seen.
+const KNOWN: f32 = 1.0;
+
+/// A pair and its evidence.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Pair {
+    pub query: usize,
+    pub slot: u32,
+    pub item: Item,
+    pub evidence: f32,
+    /// Distance under the pose, metres.
+    pub distance: f32,
+}
+
+/// A pose and what speaks for it.
+#[derive(Clone, Debug)]
+pub(super) struct Hypothesis {
+    pub pose: Isometry3<f32>,
+    pub pairs: Vec<Pair>,
+    /// Sum of the evidence of the pairs less what is missing, natural log.
+    pub evidence: f32,
+    /// Noise of the pairs' centroids, metres per axis.
+    pub sigma: f32,
+    /// Query nodes without a pair at places that the reference knows.
+    pub query_missing: usize,
+    /// Reference nodes without a pair at places that the query saw.
+    pub reference_missing: usize,
+}
+
+/// What all hypotheses of one search share.
+pub(super) struct Scene<'a> {
+    pub index: &'a Index,
+    pub query: &'a [Item],
+    pub looked: Option<&'a Looked>,
+    pub upright: bool,
+    pub params: &'a RobustParams,
+}
+
+impl Scene<'_> {
+    /// Matches, fits, and matches again with narrower gates.
+    pub(super) fn refine(&self, pose: &Isometry3<f32>, work: &mut Work) -> Option<Hypothesis> {
+        let mut pose = *pose;
+        let mut sigma = 0.35;
+        for gate in [1.0, 0.8, 0.6, 0.6, 0.6, 0.6] {
+            let pairs = self.pairs(&pose, gate, sigma, work)?;
+            if pairs.len() < 3 {
+                return None;
+            }
+            let scale = sigma * 1.5;
+            let points: Vec<_> = pairs
+                .iter()
+                .map(|p| (self.query[p.query].p, p.item.p, 1.0 / (1.0 + (p.distance / scale).powi(2))))
+                .collect();
+            pose = fit::rigid(&points, self.upright);
+            sigma = self.noise(&pose, &pairs).max(sigma * 0.5);
+        }
+        self.judge(pose, sigma, work)
+    }
+
+    /// Noise per axis of pairs under a pose that was fitted to them.
+    fn noise(&self, pose: &Isometry3<f32>, pairs: &[Pair]) -> f32 {
+        let horizontal = |p: &Pair| {
+            let d = pose * self.query[p.query].p - p.item.p;
+            d.x * d.x + d.y * d.y
+        };
+        let sum: f32 = pairs.iter().map(horizontal).sum();
+        let (prior, weight) = SIGMA;
+        let freedom = (pairs.len() as f32 - 2.0).max(0.0);
+        ((sum + 2.0 * weight * prior * prior) / (2.0 * (freedom + weight))).sqrt().clamp(0.05, 0.4)
+    }
+
+    /// One-to-one pairs of positive evidence within a gate, best first. `None`: out of budget.
+    fn pairs(&self, pose: &Isometry3<f32>, gate: f32, sigma: f32, work: &mut Work) -> Option<Vec<Pair>> {
+        let mut all = Vec::new();
+        for (k, q) in self.query.iter().enumerate() {
+            let p = pose * q.p;
+            let mut looked_at = 1;
+            self.index.near(&p, gate, |slot, r| {
+                looked_at += 1;
+                let evidence = self.evidence(q, r, &p, sigma);
+                if evidence > 0.0 {
+                    all.push(Pair { query: k, slot, item: *r, evidence, distance: (p - r.p).norm() });
+                }
+            });
+            if !work.spend(looked_at) {
+                return None;
+            }
+        }
+        all.sort_by(|a, b| {
+            b.evidence.total_cmp(&a.evidence).then(a.query.cmp(&b.query)).then_with(|| a.item.order(&b.item))
+        });
+        let mut used_q = vec![false; self.query.len()];
+        let mut used_r = BTreeSet::new();
+        all.retain(|p| !used_q[p.query] && used_r.insert(p.slot) && {
+            used_q[p.query] = true;
+            true
+        });
+        Some(all)
+    }
+
+    /// Log-likelihood ratio of q at p and r being one object.
+    pub(super) fn evidence(&self, q: &Item, r: &Item, p: &Point3<f32>, sigma: f32) -> f32 {
+        let label = self.label_ratio(q, r);
+        let (dx, dy, dz) = (p.x - r.p.x, p.y - r.p.y, p.z - r.p.z);
+        let flat = (dx * dx + dy * dy) / (2.0 * sigma * sigma);
+        let tau = std::f32::consts::TAU;
+        let place = 0.95 * (-flat).exp() / (tau * sigma * sigma * self.index.density()) + 0.02;
+        let high = (HEIGHT_SPREAD / sigma).max(1.0) * (-dz * dz / (2.0 * sigma * sigma)).exp();
+        let size = if self.upright {
+            let h = (q.size.height - r.size.height) / SIZE_NOISE[0];
+            let f = (q.size.foot - r.size.foot) / SIZE_NOISE[1];
+            let gain = SIZE_SPREAD * SIZE_SPREAD / (SIZE_NOISE[0] * SIZE_NOISE[1]);
+            gain * (-0.5 * (h * h + f * f)).exp()
+        } else {
+            let a = (q.size.all - r.size.all) / SIZE_NOISE[2];
+            SIZE_SPREAD / SIZE_NOISE[2] * (-0.5 * a * a).exp()
+        };
+        label.ln() + place.ln() + (0.9 * high + 0.1).ln() + (0.8 * size + 0.2).ln()
+    }
+
+    fn label_ratio(&self, q: &Item, r: &Item) -> f32 {
+        if q.label == r.label {
+            return q.score * r.score / self.index.share(q.label);
+        }
+        let k = self.index.kinds();
+        (1.0 - q.score) * r.score / (k * self.index.share(q.label))
+            + (1.0 - r.score) * q.score / (k * self.index.share(r.label))
+    }
+
+    /// The pairs under a pose, and what is missing.
+    fn judge(&self, pose: Isometry3<f32>, sigma: f32, work: &mut Work) -> Option<Hypothesis> {
+        let pairs = self.pairs(&pose, (4.0 * sigma).clamp(0.25, 0.8), sigma, work)?;
+        let mut matched_q = vec![false; self.query.len()];
+        pairs.iter().for_each(|p| matched_q[p.query] = true);
+        let matched_r: BTreeSet<u32> = pairs.iter().map(|p| p.slot).collect();
+        let mut query_missing = 0;
+        let mut in_view: BTreeSet<u32> = BTreeSet::new();
+        for (k, q) in self.query.iter().enumerate() {
+            let p = pose * q.p;
+            let mut known = false;
+            self.index.near(&p, KNOWN, |slot, _| {
+                known = true;
+                in_view.insert(slot);
+            });
+            query_missing += usize::from(known && !matched_q[k]);
+        }
+        if let Some(looked) = self.looked {
+            let back = pose.inverse();
+            in_view = self.around(&pose).into_iter().filter(|(_, r)| looked.contains(&(back * r.p))).map(|(s, _)| s).collect();
+        }
+        if !work.spend(in_view.len() as u64 + self.query.len() as u64) {
+            return None;
+        }
+        let reference_missing = in_view.difference(&matched_r).count();
+        let gained: f32 = pairs.iter().map(|p| p.evidence).sum();
+        let lost = self.params.missing * (query_missing + reference_missing) as f32;
+        Some(Hypothesis { pose, pairs, evidence: gained - lost, sigma, query_missing, reference_missing })
+    }
+
+    /// Reference objects in the surroundings of the query.
+    pub(super) fn around(&self, pose: &Isometry3<f32>) -> Vec<(u32, Item)> {
+        let Some(first) = self.query.first() else { return Vec::new() };
+        let (mut lo, mut hi) = (pose * first.p, pose * first.p);
+        for q in self.query {
+            let p = pose * q.p;
+            (lo, hi) = (lo.inf(&p), hi.sup(&p));
+        }
+        let mut out = Vec::new();
+        let middle = nalgebra::center(&lo, &hi);
+        self.index.near(&middle, (hi - lo).xy().norm() / 2.0 + 3.0, |slot, r| out.push((slot, *r)));
+        out
+    }
+}

@@ -1,0 +1,267 @@
+//! What is looked up about a reference: where its objects are, and which labelled pairs it holds.
+
+use super::RobustParams;
+use crate::{LabelId, Node, NodeId, SceneGraph};
+use nalgebra::Point3;
+use std::collections::BTreeMap;
+use std::hash::{BuildHasherDefault, Hasher};
+
+/// Side of the cells in which objects are looked up, metres.
+const CELL: f32 = 1.25;
+/// Width of the bins of pair distances, horizontal and vertical, metres.
+pub(super) const BIN: f32 = 0.3;
+
+/// The hash of keys that are well spread by one multiplication.
+#[derive(Default)]
+struct Mix(u64);
+
+impl Hasher for Mix {
+    fn finish(&self) -> u64 {
+        self.0
+    }
+
+    fn write(&mut self, bytes: &[u8]) {
+        bytes.iter().for_each(|&b| self.write_u64(u64::from(b)));
+    }
+
+    fn write_u64(&mut self, v: u64) {
+        let x = (self.0 ^ v).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+        self.0 = x ^ (x >> 29);
+    }
+}
+
+#[allow(clippy::disallowed_types, reason = "looked up by key, never walked through: its order decides nothing")]
+type Table<V> = std::collections::HashMap<u64, V, BuildHasherDefault<Mix>>;
+
+/// The size of an object in numbers that a turn about the vertical hardly changes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Size {
+    /// ln of the height.
+    pub height: f32,
+    /// ln of the footprint's diagonal.
+    pub foot: f32,
+    /// ln of the box's diagonal.
+    pub all: f32,
+}
+
+impl Size {
+    fn of(node: &Node) -> Self {
+        let e = node.bounds.extent();
+        let ln = |v: f32| v.max(0.03).ln();
+        Self { height: ln(e.z), foot: ln(e.x.hypot(e.y)), all: ln(e.norm()) }
+    }
+}
+
+/// An object that takes part in the search.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Item {
+    pub id: NodeId,
+    pub label: LabelId,
+    /// Probability of the label, kept away from certainty.
+    pub score: f32,
+    pub p: Point3<f32>,
+    pub size: Size,
+}
+
+impl Item {
+    pub(super) fn of(node: &Node) -> Self {
+        Self {
+            id: node.id,
+            label: node.label,
+            score: node.score.clamp(0.05, 0.95),
+            p: node.bounds.centroid(),
+            size: Size::of(node),
+        }
+    }
+
+    /// An order by content; ids decide only between objects that equal each other.
+    pub(super) fn order(&self, other: &Self) -> std::cmp::Ordering {
+        let key = |i: &Self| [i.p.x, i.p.y, i.p.z, i.size.height, i.size.foot, i.score];
+        let (a, b) = (key(self), key(other));
+        let floats = a.iter().zip(&b).map(|(x, y)| x.total_cmp(y)).find(|o| o.is_ne());
+        self.label.cmp(&other.label).then(floats.unwrap_or(std::cmp::Ordering::Equal)).then(self.id.cmp(&other.id))
+    }
+}
+
+/// Objects of a reference by place, and its labelled pairs by distance.
+///
+/// It can be kept beside a growing graph: [`Self::insert`] and [`Self::remove`] cost some
+/// microseconds per node. Structure ([`RobustParams::structure`]) is left out.
+#[derive(Clone, Debug, Default)]
+pub struct Index {
+    range: f32,
+    structure: Vec<LabelId>,
+    items: Vec<Option<Item>>,
+    free: Vec<u32>,
+    slots: BTreeMap<NodeId, u32>,
+    cells: Table<Vec<u32>>,
+    pairs: Table<Vec<[u32; 2]>>,
+    labels: BTreeMap<LabelId, u32>,
+    occupied: usize,
+    entries: usize,
+}
+
+impl Index {
+    /// An index of nothing.
+    #[must_use]
+    pub fn new(params: &RobustParams) -> Self {
+        Self { range: params.pair_range, structure: params.structure.clone(), ..Self::default() }
+    }
+
+    /// The index of a graph.
+    #[must_use]
+    pub fn of(graph: &SceneGraph, params: &RobustParams) -> Self {
+        let mut index = Self::new(params);
+        graph.nodes().for_each(|n| index.insert(n));
+        index
+    }
+
+    /// Adds a node; one of the same id is replaced.
+    pub fn insert(&mut self, node: &Node) {
+        self.remove(node.id);
+        if self.structure.contains(&node.label) {
+            return;
+        }
+        let item = Item::of(node);
+        let mut near = Vec::new();
+        self.near(&item.p, self.range, |slot, other| near.push((slot, *other)));
+        let slot = self.free.pop().unwrap_or(self.items.len() as u32);
+        if slot as usize == self.items.len() {
+            self.items.push(None);
+        }
+        self.items[slot as usize] = Some(item);
+        self.slots.insert(item.id, slot);
+        let cell = self.cells.entry(cell_key(cell(item.p.x), cell(item.p.y))).or_default();
+        self.occupied += usize::from(cell.is_empty());
+        cell.push(slot);
+        *self.labels.entry(item.label).or_default() += 1;
+        for (other, o) in near {
+            for_orientations(&item, slot, &o, other, |key, pair| {
+                self.pairs.entry(key).or_default().push(pair);
+                self.entries += 1;
+            });
+        }
+    }
+
+    /// Takes a node out; one that is not there is no error.
+    pub fn remove(&mut self, id: NodeId) {
+        let Some(slot) = self.slots.remove(&id) else { return };
+        let Some(item) = self.items[slot as usize].take() else { return };
+        self.free.push(slot);
+        if let Some(cell) = self.cells.get_mut(&cell_key(cell(item.p.x), cell(item.p.y))) {
+            cell.retain(|&s| s != slot);
+            self.occupied -= usize::from(cell.is_empty());
+        }
+        if let Some(n) = self.labels.get_mut(&item.label) {
+            *n -= 1;
+        }
+        let mut near = Vec::new();
+        self.near(&item.p, self.range, |other, o| near.push((other, *o)));
+        for (other, o) in near {
+            for_orientations(&item, slot, &o, other, |key, pair| {
+                if let Some(list) = self.pairs.get_mut(&key)
+                    && let Some(at) = list.iter().position(|p| *p == pair)
+                {
+                    list.swap_remove(at);
+                    self.entries -= 1;
+                }
+            });
+        }
+    }
+
+    /// Number of objects.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.slots.len()
+    }
+
+    /// True without objects.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.slots.is_empty()
+    }
+
+    /// Number of pair entries.
+    #[must_use]
+    pub fn pair_entries(&self) -> usize {
+        self.entries
+    }
+
+    pub(super) fn item(&self, slot: u32) -> Option<&Item> {
+        self.items.get(slot as usize)?.as_ref()
+    }
+
+    /// Objects in no particular order.
+    pub(super) fn items(&self) -> impl Iterator<Item = (u32, &Item)> {
+        self.items.iter().enumerate().filter_map(|(k, i)| Some((k as u32, i.as_ref()?)))
+    }
+
+    /// Objects within a horizontal distance, in no particular order.
+    pub(super) fn near(&self, p: &Point3<f32>, range: f32, mut f: impl FnMut(u32, &Item)) {
+        let span = |v: f32| cell(v - range)..=cell(v + range);
+        for i in span(p.x) {
+            for j in span(p.y) {
+                for &slot in self.cells.get(&cell_key(i, j)).map_or(&[][..], Vec::as_slice) {
+                    let Some(item) = self.item(slot) else { continue };
+                    let (dx, dy) = (item.p.x - p.x, item.p.y - p.y);
+                    if dx * dx + dy * dy <= range * range {
+                        f(slot, item);
+                    }
+                }
+            }
+        }
+    }
+
+    /// Pairs of these labels whose distances fall into one bin.
+    pub(super) fn pairs(&self, labels: [LabelId; 2], dxy: i32, dz: i32) -> &[[u32; 2]] {
+        self.pairs.get(&pair_key(labels, dxy, dz)).map_or(&[], Vec::as_slice)
+    }
+
+    /// Share of a label among all objects, smoothed.
+    pub(super) fn share(&self, label: LabelId) -> f32 {
+        let n = self.labels.get(&label).copied().unwrap_or(0) as f32;
+        (n + 1.0) / (self.slots.len() as f32 + self.kinds())
+    }
+
+    /// Number of labels, at least ten.
+    pub(super) fn kinds(&self) -> f32 {
+        (self.labels.len() as f32).max(10.0)
+    }
+
+    /// Objects per square metre where there are any.
+    pub(super) fn density(&self) -> f32 {
+        let area = self.occupied.max(1) as f32 * CELL * CELL;
+        (self.slots.len() as f32 / area).clamp(0.3, 4.0)
+    }
+}
+
+fn cell(v: f32) -> i32 {
+    (v / CELL).floor() as i32
+}
+
+fn cell_key(i: i32, j: i32) -> u64 {
+    u64::from(i as u32) << 32 | u64::from(j as u32)
+}
+
+/// Bin of a distance.
+pub(super) fn bin(d: f32) -> i32 {
+    (d / BIN).floor() as i32
+}
+
+fn pair_key([a, b]: [LabelId; 2], dxy: i32, dz: i32) -> u64 {
+    u64::from(a.0) << 48 | u64::from(b.0) << 32 | u64::from(dxy as u16) << 16 | u64::from(dz as u16)
+}
+
+/// A pair of two labels is kept once, the smaller label first; one of equal labels both ways round.
+fn for_orientations(a: &Item, sa: u32, b: &Item, sb: u32, mut f: impl FnMut(u64, [u32; 2])) {
+    let mut put = |(a, sa): (&Item, u32), (b, sb): (&Item, u32)| {
+        let d = b.p - a.p;
+        f(pair_key([a.label, b.label], bin(d.x.hypot(d.y)), bin(d.z)), [sa, sb]);
+    };
+    if a.label <= b.label {
+        put((a, sa), (b, sb));
+    }
+    if b.label <= a.label {
+        put((b, sb), (a, sa));
+    }
+}

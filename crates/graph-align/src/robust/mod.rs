@@ -1,0 +1,190 @@
+//! The default algorithm: votes for poses, verification of each, an honest margin, refusal.
+//!
+//! 1. *Search.* Objects that are no structure are paired; labelled pairs of the query are looked up
+//!    in an [`Index`] of the reference by their distances, the rarest first. Each reference pair that
+//!    fits fixes a pose (yaw and shift, or any rotation where gravity is unknown) and votes for it
+//!    with one over the number of rivals. Peaks of the votes are candidates. A prior pose limits the
+//!    votes to its surroundings.
+//! 2. *Verification.* Each candidate is refined by one-to-one matching and least squares, and judged
+//!    by a log-likelihood ratio over labels, sizes and places, less a penalty for every object that
+//!    should have been met and was not.
+//! 3. *Decision.* A candidate is accepted when its evidence exceeds the log of the number of
+//!    distinguishable poses by `accept`, and it explains enough of what should be visible. If the best
+//!    distinct alternative is acceptable and less than `margin` behind, the answer is `Ambiguous`.
+//! 4. *Changes.* Under the pose, every node is the same, relabelled, moved, or new; reference nodes
+//!    at places that the query looked into and that have no counterpart are removed.
+//!
+//! Sources: voting by labelled pairs and verification follow the survey of registration methods
+//! (CLIPPER, ROMAN, TEASER++) only in spirit; the likelihood ratio is our own.
+
+mod change;
+mod evidence;
+mod index;
+mod tilt;
+mod vote;
+
+pub use index::Index;
+
+use crate::{LabelId, Outcome, Query, SceneGraph, Vocabulary, Why};
+use evidence::{Hypothesis, Scene};
+use index::Item;
+use nalgebra::{Isometry3, Point3};
+
+/// Parameters of the robust algorithm. Log-evidence is natural.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RobustParams {
+    /// Classes of structure (walls, floors, ceilings): the centroid of such a node depends on how
+    /// much of it was seen, so they do not vote and are matched by overlap.
+    pub structure: Vec<LabelId>,
+    /// Largest distance of the two objects of a pair, metres.
+    pub pair_range: f32,
+    /// Evidence beyond the log of the number of poses that acceptance takes.
+    pub accept: f32,
+    /// Fewest matched objects that are no structure.
+    pub fewest: usize,
+    /// Smallest share of the objects that should have been met.
+    pub visible: f32,
+    /// Evidence by which the best pose must exceed the best distinct alternative.
+    pub margin: f32,
+    /// Evidence lost for an object that should have been met.
+    pub missing: f32,
+    /// Candidates that are verified.
+    pub peaks: usize,
+    /// Radius of the surroundings of a prior in which objects are looked for, metres.
+    pub prior_range: f32,
+    /// Table entries and node pairs that may be looked at.
+    pub budget: u64,
+}
+
+impl Default for RobustParams {
+    fn default() -> Self {
+        Self {
+            structure: Vec::new(),
+            pair_range: 5.0,
+            accept: 4.0,
+            fewest: 4,
+            visible: 0.2,
+            margin: 9.0,
+            missing: 0.8,
+            peaks: 16,
+            prior_range: 1.5,
+            budget: 400_000,
+        }
+    }
+}
+
+impl RobustParams {
+    /// The defaults, with `wall`, `floor` and `ceiling` of a vocabulary as structure.
+    #[must_use]
+    pub fn for_vocabulary(vocabulary: &Vocabulary) -> Self {
+        let structure = ["wall", "floor", "ceiling"].iter().filter_map(|n| vocabulary.find_label(n)).collect();
+        Self { structure, ..Self::default() }
+    }
+}
+
+/// Work done so far, against the budget.
+pub(crate) struct Work {
+    left: u64,
+    exhausted: bool,
+}
+
+impl Work {
+    fn new(budget: u64) -> Self {
+        Self { left: budget, exhausted: false }
+    }
+
+    /// Takes `n` units; false if they are not there.
+    fn spend(&mut self, n: u64) -> bool {
+        self.exhausted |= n > self.left;
+        self.left = self.left.saturating_sub(n);
+        !self.exhausted
+    }
+}
+
+/// Two poses are distinct beyond this at the query's centre, metres and radians.
+const DISTINCT: (f32, f32) = (0.5, 0.1745);
+
+pub(crate) fn align(reference: &SceneGraph, index: &Index, query: &Query<'_>, params: &RobustParams) -> Outcome {
+    let mut items: Vec<Item> = query
+        .graph
+        .nodes()
+        .filter(|n| !params.structure.contains(&n.label))
+        .map(Item::of)
+        .collect();
+    items.sort_by(Item::order);
+    if items.len() < params.fewest {
+        return Outcome::NoMatch { why: Why::SmallQuery };
+    }
+    // Half for the search, half for the verification, so that the one cannot starve the other.
+    let mut search = Work::new(params.budget / 2);
+    let candidates = match (&query.prior, query.gravity_aligned) {
+        (Some(prior), true) => {
+            let near = vote::Near { prior, range: params.prior_range };
+            let mut c = vote::poses(index, &items, Some(&near), params, &mut search);
+            c.push(*prior);
+            c
+        }
+        (None, true) => vote::poses(index, &items, None, params, &mut search),
+        (prior, false) => {
+            let mut c = tilt::poses(index, &items, params, &mut search);
+            c.extend(prior);
+            c
+        }
+    };
+    let scene =
+        Scene { index, query: &items, looked: query.looked, upright: query.gravity_aligned, params };
+    let mut verify = Work::new(params.budget / 2);
+    let mut found: Vec<Hypothesis> = candidates.iter().filter_map(|c| scene.refine(c, &mut verify)).collect();
+    found.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
+    let centre = vote::centre(&items);
+    let mut distinct: Vec<Hypothesis> = Vec::new();
+    for h in found {
+        if !distinct.iter().any(|d| same_pose(&d.pose, &h.pose, &centre)) {
+            distinct.push(h);
+        }
+    }
+    let exhausted = search.exhausted || verify.exhausted;
+    decide(reference, query, &scene, distinct, exhausted)
+}
+
+fn same_pose(a: &Isometry3<f32>, b: &Isometry3<f32>, at: &Point3<f32>) -> bool {
+    (a * at - b * at).norm() < DISTINCT.0 && a.rotation.angle_to(&b.rotation) < DISTINCT.1
+}
+
+fn decide(
+    reference: &SceneGraph,
+    query: &Query<'_>,
+    scene: &Scene<'_>,
+    distinct: Vec<Hypothesis>,
+    exhausted: bool,
+) -> Outcome {
+    let params = scene.params;
+    let bar = ln_poses(scene, query) + params.accept;
+    let good: Vec<Hypothesis> = distinct.into_iter().filter(|h| acceptable(h, bar, params)).collect();
+    let Some(best) = good.first() else {
+        return Outcome::NoMatch { why: if exhausted { Why::Budget } else { Why::NoSupport } };
+    };
+    let rivals = good.iter().filter(|h| best.evidence - h.evidence < params.margin).count();
+    let answer = |h: &Hypothesis, margin: Option<f32>| change::describe(reference, query, scene, h, margin);
+    if rivals > 1 {
+        return Outcome::Ambiguous { candidates: good[..rivals].iter().map(|h| answer(h, None)).collect() };
+    }
+    let margin = good.get(1).map(|h| best.evidence - h.evidence);
+    Outcome::Match(answer(best, margin))
+}
+
+fn acceptable(h: &Hypothesis, bar: f32, params: &RobustParams) -> bool {
+    let met = h.pairs.len();
+    let should = met + h.query_missing.min(h.reference_missing);
+    met >= params.fewest && met as f32 >= params.visible * should as f32 && h.evidence > bar
+}
+
+/// Natural log of the number of poses that can be told apart: places of 0.2 m where the reference
+/// has objects (or within the prior's reach) times 36 yaws, times 100 tilts where gravity is unknown.
+fn ln_poses(scene: &Scene<'_>, query: &Query<'_>) -> f32 {
+    let area = scene.index.len() as f32 / scene.index.density();
+    let area = if query.prior.is_some() { area.min(scene.params.prior_range.powi(2)) } else { area };
+    let tilts: f32 = if scene.upright { 1.0 } else { 100.0 };
+    (area / 0.04 * 36.0 * tilts).max(1.0).ln()
+}
+
