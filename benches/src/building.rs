@@ -79,8 +79,25 @@ impl Object {
 
 /// The classes, walls and floors first.
 pub const LABELS: [&str; 20] = [
-    "wall", "floor", "otherfurniture", "cabinet", "chair", "window", "picture", "table", "door", "curtain",
-    "bookshelf", "desk", "sofa", "sink", "counter", "bed", "refridgerator", "toilet", "bathtub",
+    "wall",
+    "floor",
+    "otherfurniture",
+    "cabinet",
+    "chair",
+    "window",
+    "picture",
+    "table",
+    "door",
+    "curtain",
+    "bookshelf",
+    "desk",
+    "sofa",
+    "sink",
+    "counter",
+    "bed",
+    "refridgerator",
+    "toilet",
+    "bathtub",
     "shower curtain",
 ];
 
@@ -185,11 +202,20 @@ pub fn shell(l: f64, w: f64, h: f64, number: usize) -> Vec<Object> {
         support: Support::None,
         room: number,
     }];
-    for (x, y, yaw, length) in
-        [(0.0, -w / 2.0, 0.0, l), (l / 2.0, 0.0, quarter, w), (0.0, w / 2.0, 0.0, l), (-l / 2.0, 0.0, quarter, w)]
-    {
+    for (x, y, yaw, length) in [
+        (0.0, -w / 2.0, 0.0, l),
+        (l / 2.0, 0.0, quarter, w),
+        (0.0, w / 2.0, 0.0, l),
+        (-l / 2.0, 0.0, quarter, w),
+    ] {
         let size = Vector3::new(length, 0.1, h);
-        out.push(Object { label: "wall", pose: upright(x, y, h / 2.0, yaw), size, support: Support::At(0), room: number });
+        out.push(Object {
+            label: "wall",
+            pose: upright(x, y, h / 2.0, yaw),
+            size,
+            support: Support::At(0),
+            room: number,
+        });
     }
     out
 }
@@ -203,7 +229,11 @@ fn furnish(dice: &mut Dice, kind: &Kind, plan: &Plan, room: usize, there: &[Obje
         let (pose, support) = match place {
             Place::Floor => {
                 let turned = dice.below(4) as f64 * quarter;
-                let yaw = if matches!(label, "chair" | "otherfurniture") { dice.within(0.0, std::f64::consts::TAU) } else { turned };
+                let yaw = if matches!(label, "chair" | "otherfurniture") {
+                    dice.within(0.0, std::f64::consts::TAU)
+                } else {
+                    turned
+                };
                 let reach = size.xy().norm() / 2.0 * 0.8;
                 let (x, y) = (plan.size[0] / 2.0 - reach, plan.size[1] / 2.0 - reach);
                 let p = (dice.within(-x.max(0.1), x.max(0.1)), dice.within(-y.max(0.1), y.max(0.1)));

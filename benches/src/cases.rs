@@ -10,9 +10,25 @@ const CELL: f64 = 0.5;
 
 /// Kinds in the order in which they are written.
 pub const KINDS: [&str; 19] = [
-    "static", "tilted", "label_noise", "moved", "rescan", "no_overlap", "tiny_overlap", "ambiguous_twin",
-    "twin_distinguishable", "ambiguous_symmetric", "symmetric_broken", "ambiguous_grid", "mirrored",
-    "duplicates", "hub", "clique", "collinear", "shared_frame_drift", "empty",
+    "static",
+    "tilted",
+    "label_noise",
+    "moved",
+    "rescan",
+    "no_overlap",
+    "tiny_overlap",
+    "ambiguous_twin",
+    "twin_distinguishable",
+    "ambiguous_symmetric",
+    "symmetric_broken",
+    "ambiguous_grid",
+    "mirrored",
+    "duplicates",
+    "hub",
+    "clique",
+    "collinear",
+    "shared_frame_drift",
+    "empty",
 ];
 
 /// A case and its truth.
@@ -116,7 +132,8 @@ fn rooms(dice: &mut Dice, n: usize) -> (Vec<Room>, Vec<Object>) {
 fn visit(dice: &mut Dice, plan: &Plan, at: &Isometry3<f64>, whole: bool) -> Visit {
     let half = [plan.size[0] / 2.0, plan.size[1] / 2.0];
     let n = 2 + dice.below(2);
-    let mut view = || Point3::new(dice.within(-half[0], half[0]) * 0.8, dice.within(-half[1], half[1]) * 0.8, 1.5);
+    let mut view =
+        || Point3::new(dice.within(-half[0], half[0]) * 0.8, dice.within(-half[1], half[1]) * 0.8, 1.5);
     let views = (0..n).map(|_| view()).collect();
     let angle = dice.within(0.0, std::f64::consts::TAU);
     let normal = Vector3::new(angle.cos(), angle.sin(), 0.0);
@@ -137,9 +154,17 @@ pub fn make(kind: &'static str, seed: u64, k: usize) -> Case {
 
 fn draft(kind: &'static str, k: usize, dice: &mut Dice) -> Draft {
     match kind {
-        "static" => overlapping(dice, kind, [1, 5, 15, 1, 5, 47][k % 6], [0.3, 0.5, 0.8][(k / 2) % 3], [0.05, 0.03, 0.15][k % 3]),
+        "static" => overlapping(
+            dice,
+            kind,
+            [1, 5, 15, 1, 5, 47][k % 6],
+            [0.3, 0.5, 0.8][(k / 2) % 3],
+            [0.05, 0.03, 0.15][k % 3],
+        ),
         "tilted" => Draft { tilted: true, ..overlapping(dice, kind, 3, 0.7, 0.05) },
-        "label_noise" => Draft { label_noise: [0.1, 0.2, 0.4][k % 3], ..overlapping(dice, kind, 3, 0.8, 0.05) },
+        "label_noise" => {
+            Draft { label_noise: [0.1, 0.2, 0.4][k % 3], ..overlapping(dice, kind, 3, 0.8, 0.05) }
+        }
         "moved" => changed(dice, kind, 3 + k % 4, [0.15, 0.3, 0.45][k % 3], false),
         "rescan" => {
             let mut d = changed(dice, kind, [5, 15][k % 2], 0.12, true);
@@ -268,7 +293,9 @@ fn foreign(dice: &mut Dice, kind: &'static str, k: usize, shared: usize) -> Draf
     }
     let mut left = shared;
     for i in 0..d.before.len() {
-        let seen = d.before[i].as_ref().is_some_and(|o| !o.is_structure() && d.sees(&o.pose.translation.vector.into()));
+        let seen = d.before[i]
+            .as_ref()
+            .is_some_and(|o| !o.is_structure() && d.sees(&o.pose.translation.vector.into()));
         if left > 0 && seen {
             d.after[i] = d.before[i].clone();
             left -= 1;
@@ -286,7 +313,7 @@ fn twins(dice: &mut Dice, kind: &'static str, k: usize, distinct: usize) -> Draf
     let (_, mut objects) = rooms(dice, 3);
     let plan = Plan::any(dice);
     let twin = building::room(dice, &plan, 3, 1.0);
-    let sites: Vec<_> = (0..copies).map(|c| building::site(dice, 4 + c, 16)).collect();
+    let sites: Vec<_> = (0..copies).map(|c| building::site(dice, 8 + c, 16)).collect();
     let mut marks: Vec<usize> = (0..twin.len()).filter(|&i| !twin[i].is_structure()).collect();
     dice.shuffle(&mut marks);
     let v = visit(dice, &plan, &sites[0], false);
@@ -385,7 +412,13 @@ fn grid(dice: &mut Dice, kind: &'static str) -> Draft {
                 ("otherfurniture", -0.3, -0.1, 0.9, [0.4, 0.2, 0.3]),
             ] {
                 let pose = yaw_shift(0.0, [x + dx, y + dy, z]);
-                objects.push(Object { label, pose, size: Vector3::from(size), support: Support::On(0), room: 0 });
+                objects.push(Object {
+                    label,
+                    pose,
+                    size: Vector3::from(size),
+                    support: Support::On(0),
+                    room: 0,
+                });
             }
         }
     }
@@ -400,7 +433,11 @@ fn grid(dice: &mut Dice, kind: &'static str) -> Draft {
         }
     }
     // The robot saw its own work places and nothing else.
-    let middle = Point3::new(corner[0] + step[0] * (at_x as f64 + 0.5), corner[1] + step[1] * (at_y as f64 + 0.5), 0.8);
+    let middle = Point3::new(
+        corner[0] + step[0] * (at_x as f64 + 0.5),
+        corner[1] + step[1] * (at_y as f64 + 0.5),
+        0.8,
+    );
     d.visits[0].views = vec![middle];
     d.visits[0].range = 1.9;
     let shift = |x: usize, y: usize| {
@@ -468,7 +505,8 @@ fn part(o: &Object, sees: impl Fn(&Point3<f64>) -> bool) -> Option<Object> {
         }
     }
     (lo.x < hi.x).then(|| {
-        let pose = o.pose * Isometry3::translation((lo.x + hi.x) / 2.0, (lo.y + hi.y) / 2.0, (lo.z + hi.z) / 2.0);
+        let pose =
+            o.pose * Isometry3::translation((lo.x + hi.x) / 2.0, (lo.y + hi.y) / 2.0, (lo.z + hi.z) / 2.0);
         Object { pose, size: hi - lo, ..o.clone() }
     })
 }
@@ -495,7 +533,8 @@ fn finish(dice: &mut Dice, d: Draft, id: String) -> Case {
     let cell_of = |p: &Point3<f64>| [p.x, p.y, p.z].map(|v| (v / CELL).floor() as i32);
     let seen_domain = |p: &Point3<f64>| cells.contains(&cell_of(&(query_from_domain * p)));
 
-    let mut ids: Vec<u64> = (0..4 * (d.before.len() as u64 + d.after.len() as u64) + 8).map(|v| v + 100).collect();
+    let mut ids: Vec<u64> =
+        (0..4 * (d.before.len() as u64 + d.after.len() as u64) + 8).map(|v| v + 100).collect();
     dice.shuffle(&mut ids);
     let mut next = || ids.pop().unwrap_or(0);
     let mut reference = Vec::new();
@@ -536,7 +575,15 @@ fn finish(dice: &mut Dice, d: Draft, id: String) -> Case {
         }
     }
     let reference_from_query = reference_from_domain * query_from_domain.inverse();
-    let truth = truth(&d, &query, &reference, &cells, &reference_from_query, &reference_from_domain, &query_from_domain);
+    let truth = truth(
+        &d,
+        &query,
+        &reference,
+        &cells,
+        &reference_from_query,
+        &reference_from_domain,
+        &query_from_domain,
+    );
     let edges_q = edges(dice, &d, &d.after, &query);
     let edges_r = edges(dice, &d, &d.before, &reference);
     dice.shuffle(&mut query);
@@ -550,7 +597,10 @@ fn finish(dice: &mut Dice, d: Draft, id: String) -> Case {
     if d.drift {
         let at = centre(&query);
         let error = nalgebra::Translation3::from(at.coords)
-            * yaw_shift(dice.within(-5.0, 5.0_f64).to_radians(), [dice.normal(0.3), dice.normal(0.3), dice.normal(0.05)])
+            * yaw_shift(
+                dice.within(-5.0, 5.0_f64).to_radians(),
+                [dice.normal(0.3), dice.normal(0.3), dice.normal(0.05)],
+            )
             * nalgebra::Translation3::from(-at.coords);
         case["T_ref_query_prior"] = json!(row_major(&(reference_from_query * error)));
     }
@@ -571,7 +621,15 @@ fn row_major(t: &Isometry3<f64>) -> Vec<f64> {
     t.to_homogeneous().transpose().as_slice().to_vec()
 }
 
-fn node(dice: &mut Dice, d: &Draft, object: usize, o: &Object, frame: &Isometry3<f64>, id: u64, wrong: f64) -> Seen {
+fn node(
+    dice: &mut Dice,
+    d: &Draft,
+    object: usize,
+    o: &Object,
+    frame: &Isometry3<f64>,
+    id: u64,
+    wrong: f64,
+) -> Seen {
     let (c, e) = aabb(&(frame * o.pose), &o.size);
     let mut noisy = |s: f64| Vector3::new(dice.normal(s), dice.normal(s), dice.normal(s));
     let centroid = c + noisy(d.sigma);
@@ -630,7 +688,8 @@ fn cells(d: &Draft, query_from_domain: &Isometry3<f64>) -> BTreeSet<[i32; 3]> {
         for i in span(middle.x) {
             for j in span(middle.y) {
                 for k in span(middle.z) {
-                    let p = Point3::new(f64::from(i), f64::from(j), f64::from(k)).coords.add_scalar(0.5) * CELL;
+                    let p =
+                        Point3::new(f64::from(i), f64::from(j), f64::from(k)).coords.add_scalar(0.5) * CELL;
                     if d.sees(&(back * Point3::from(p))) {
                         out.insert([i, j, k]);
                     }
@@ -671,7 +730,8 @@ fn truth(
     let (mut removed, mut unseen, mut borderline) = (vec![], vec![], vec![]);
     let nothing = d.outcome == "no_match";
     for r in reference {
-        let counterparts: &[&Seen] = if nothing { &[] } else { by_object.get(&r.object).map_or(&[], Vec::as_slice) };
+        let counterparts: &[&Seen] =
+            if nothing { &[] } else { by_object.get(&r.object).map_or(&[], Vec::as_slice) };
         let place = |list: &[Option<Object>]| list[r.object].as_ref().map(|o| o.pose.translation.vector);
         let shift = match (place(&d.before), place(&d.after)) {
             (Some(a), Some(b)) => (a - b).norm(),
@@ -705,7 +765,8 @@ fn truth(
         }
     }
     let known: BTreeSet<usize> = reference.iter().map(|r| r.object).collect();
-    let added: Vec<u64> = query.iter().filter(|q| nothing || !known.contains(&q.object)).map(|q| q.id).collect();
+    let added: Vec<u64> =
+        query.iter().filter(|q| nothing || !known.contains(&q.object)).map(|q| q.id).collect();
     let alternatives: Vec<Value> = d
         .alternatives
         .iter()

@@ -1,7 +1,7 @@
 //! Scored segments to the scene graph of a visit: segments of one object become one node.
 
 use crate::{Error, NONE, NodeSet, SAME_PART, Scores};
-use graph_align::{Edge, Node, NodeId, SceneGraph, Vocabulary};
+use graph_align::{Edge, LabelId, Node, NodeId, SceneGraph, Vocabulary};
 use std::collections::BTreeMap;
 
 /// How scores become nodes and edges.
@@ -69,12 +69,28 @@ pub fn build_graph(
             label: vocabulary.label(name)?,
             score,
             bounds,
+            others: others(&mean, class, class_names, vocabulary)?,
             sightings: 1,
+            misses: 0,
             last_seen: p.time,
         });
     }
     add_edges(&mut graph, set, scores, predicate_names, &node_of, vocabulary, p)?;
     Ok((graph, node_of))
+}
+
+/// The classes after the best one, falling; [`NONE`] is no class.
+fn others(
+    mean: &[f32],
+    best: usize,
+    names: &[String],
+    vocabulary: &mut Vocabulary,
+) -> Result<Vec<(LabelId, f32)>, Error> {
+    let mut order: Vec<usize> =
+        (0..mean.len().min(names.len())).filter(|&k| k != best && names[k] != NONE).collect();
+    order.sort_by(|&a, &b| mean[b].total_cmp(&mean[a]).then(a.cmp(&b)));
+    order.truncate(Node::MAX_OTHERS);
+    order.iter().map(|&k| Ok((vocabulary.label(&names[k])?, mean[k]))).collect()
 }
 
 /// Representative (smallest index) of each segment's object.

@@ -7,6 +7,7 @@
 
 mod fusion;
 mod instances;
+mod looked;
 mod nodes;
 mod robot;
 

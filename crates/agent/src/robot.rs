@@ -2,7 +2,7 @@
 
 use crate::fusion::Memory;
 use crate::{Error, GraphParams, NodeParams, NodeSet, Scores, build_graph};
-use graph_align::{SceneGraph, Vocabulary};
+use graph_align::{Looked, SceneGraph, Vocabulary};
 use gsm::{DepthView, FrameReport, Map, SegmentEvent, SegmentId};
 use nalgebra::UnitQuaternion;
 use scan3r::Frame;
@@ -212,6 +212,15 @@ impl<'m> Robot<'m> {
         self.turn = turn;
         self.encoded.clear();
         self.memory = Memory::default();
+    }
+
+    /// Where the robot has looked so far, in cells of 0.5 m of the graph's frame: cells of whose
+    /// volume at least a quarter was seen, as free space or as a surface.
+    ///
+    /// # Errors
+    /// A map that spans more than 2^26 cells.
+    pub fn looked(&self) -> Result<Looked, Error> {
+        crate::looked::looked(&self.map, &self.turn)
     }
 
     /// The surfel map.

@@ -44,7 +44,7 @@ fn preface(report: &Value) -> Vec<String> {
         lines.push("Generated rooms: these are not 3RScan numbers.".to_owned());
     }
     lines.push(
-        "`ma3dsg` is an alias of the paper's algorithm until the robust one exists. `ceiling-*` rows know the \
+        "`ceiling-*` rows know the \
          truth. Rates in percent, means over seeds; object F1 with a 95 % bootstrap interval over rooms and seeds."
             .to_owned(),
     );

@@ -10,7 +10,7 @@
 //!
 //! let mut net = Network::new(3, Vocabulary::default(), LinkParams { loss: 1.0, delay_ds: 0 }, 7);
 //! let key = Key { start_ds: 0, agent: 0, epoch: 0, seq: 0 };
-//! net.publish(10, Observation { key, end_ds: 10, frame: 0, graph: SceneGraph::default() })?;
+//! net.publish(10, Observation { key, end_ds: 10, frame: 0, graph: SceneGraph::default(), looked: None })?;
 //! assert_eq!(net.replica(2).observations().len(), 0); // lost
 //! net.finish(20)?;
 //! assert_eq!(net.replica(2).observations().len(), 1); // repaired

@@ -11,7 +11,13 @@ fn observation(agent: u16, seq: u32, start_ds: u32) -> Observation {
     let mut graph = SceneGraph::default();
     let bounds = Box3::new([f32::from(agent), seq as f32, 0.123_456], [0.5; 3]).expect("finite");
     graph.insert_node(Node::new(NodeId(u64::from(agent) << 32 | u64::from(seq)), LabelId(0), bounds));
-    Observation { key: Key { start_ds, agent, epoch: 0, seq }, end_ds: start_ds + 5, frame: 0, graph }
+    Observation {
+        key: Key { start_ds, agent, epoch: 0, seq },
+        end_ds: start_ds + 5,
+        frame: 0,
+        graph,
+        looked: None,
+    }
 }
 
 proptest! {

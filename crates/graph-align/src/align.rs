@@ -97,6 +97,8 @@ pub enum Why {
     NoSupport,
     /// The work budget ran out before a candidate had enough support.
     Budget,
+    /// The query's mirror image fits better than the query.
+    Mirrored,
     /// The algorithm does not search.
     NotSearched,
 }
@@ -110,6 +112,7 @@ impl Why {
             Self::Empty => "empty",
             Self::NoSupport => "no-support",
             Self::Budget => "budget",
+            Self::Mirrored => "mirrored",
             Self::NotSearched => "not-searched",
         }
     }
@@ -151,7 +154,7 @@ pub fn align_indexed(reference: &SceneGraph, index: &Index, query: &Query<'_>, p
         return Outcome::NoMatch { why: Why::Empty };
     }
     match params.algorithm {
-        Algorithm::Robust => robust::align(reference, index, query, &params.robust),
+        Algorithm::Robust => robust::align(index, query, &params.robust),
         Algorithm::Paper => paper::align(reference, query, &params.paper, params.seed),
         Algorithm::Append => Outcome::NoMatch { why: Why::NotSearched },
     }

@@ -18,17 +18,29 @@ pub struct Node {
     pub score: f32,
     /// Place and size.
     pub bounds: Box3,
+    /// The next best classes and their probabilities, falling, at most [`Node::MAX_OTHERS`].
+    pub others: Vec<(LabelId, f32)>,
     /// How often it was observed, over visits.
     pub sightings: u32,
+    /// Visits that looked at its place and did not observe it.
+    pub misses: u32,
     /// When it was last observed, seconds.
     pub last_seen: f64,
 }
 
 impl Node {
+    /// Most further classes of a node.
+    pub const MAX_OTHERS: usize = 2;
+
     /// A node that was observed once, at time 0, with full confidence.
     #[must_use]
     pub fn new(id: NodeId, label: LabelId, bounds: Box3) -> Self {
-        Self { id, label, score: 1.0, bounds, sightings: 1, last_seen: 0.0 }
+        Self { id, label, score: 1.0, bounds, others: Vec::new(), sightings: 1, misses: 0, last_seen: 0.0 }
+    }
+
+    /// The best class and the others, with their probabilities.
+    pub fn classes(&self) -> impl Iterator<Item = (LabelId, f32)> + '_ {
+        std::iter::once((self.label, self.score)).chain(self.others.iter().copied())
     }
 }
 
@@ -92,6 +104,16 @@ impl SceneGraph {
     pub fn remove_edges(&mut self, id: NodeId) {
         let edges: Vec<_> = self.outgoing(id).chain(self.incoming(id)).map(|e| (e.s, e.t, e.p)).collect();
         for (s, t, p) in edges {
+            self.edges.remove(&(s, t, p));
+            self.incoming.remove(&(t, s, p));
+        }
+    }
+
+    /// Takes out the edges from one node to another, of every predicate.
+    pub(crate) fn remove_edges_between(&mut self, s: NodeId, t: NodeId) {
+        let range = (s, t, PredicateId(0))..=(s, t, PredicateId(u16::MAX));
+        let gone: Vec<_> = self.edges.range(range).map(|(k, _)| *k).collect();
+        for (s, t, p) in gone {
             self.edges.remove(&(s, t, p));
             self.incoming.remove(&(t, s, p));
         }
@@ -168,6 +190,7 @@ impl SceneGraph {
                 n.bounds = b;
             }
             n.score = quantise_score(n.score);
+            n.others.iter_mut().for_each(|o| o.1 = quantise_score(o.1));
             n.last_seen = (n.last_seen * 10.0).round() / 10.0;
         }
         out.edges.values_mut().for_each(|s| *s = quantise_score(*s));

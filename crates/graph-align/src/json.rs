@@ -49,9 +49,15 @@ pub struct NodeRecord {
     pub centroid: [f32; 3],
     /// Full side lengths, metres.
     pub extent: [f32; 3],
+    /// The next best classes and their probabilities.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub others: Vec<(String, f32)>,
     /// Number of observations.
     #[serde(default = "once")]
     pub sightings: u32,
+    /// Number of visits that looked at its place and did not observe it.
+    #[serde(default, skip_serializing_if = "none")]
+    pub misses: u32,
     /// Seconds.
     #[serde(default)]
     pub last_seen: f64,
@@ -73,6 +79,10 @@ pub struct EdgeRecord {
 
 fn one() -> f32 {
     1.0
+}
+
+fn none(n: &u32) -> bool {
+    *n == 0
 }
 
 fn once() -> u32 {
@@ -108,7 +118,11 @@ impl GraphFile {
                     score: n.score,
                     centroid: n.bounds.centroid().coords.into(),
                     extent: n.bounds.extent().into(),
+                    others: (n.others.iter())
+                        .map(|&(l, p)| (vocabulary.label_name(l).to_owned(), p))
+                        .collect(),
                     sightings: n.sightings,
+                    misses: n.misses,
                     last_seen: n.last_seen,
                 })
                 .collect(),
@@ -137,15 +151,28 @@ impl GraphFile {
             if !ids.insert(n.id) {
                 return Err(Error::format(format!("nodes[{k}]"), format!("id {} occurs twice", n.id)));
             }
-            if !(n.score.is_finite() && n.last_seen.is_finite()) {
-                return Err(at(Error::value("score, last_seen", "not finite")));
+            let finite = n.score.is_finite() && n.last_seen.is_finite();
+            if !finite || n.others.iter().any(|o| !o.1.is_finite()) {
+                return Err(at(Error::value("score, others, last_seen", "not finite")));
+            }
+            if n.others.len() > Node::MAX_OTHERS {
+                return Err(at(Error::value(
+                    "others",
+                    format!("{}, want at most {}", n.others.len(), Node::MAX_OTHERS),
+                )));
+            }
+            let mut others = Vec::with_capacity(n.others.len());
+            for (name, p) in &n.others {
+                others.push((vocabulary.label(name).map_err(at)?, p.clamp(0.0, 1.0)));
             }
             graph.insert_node(Node {
                 id: NodeId(n.id),
                 label: vocabulary.label(&n.label).map_err(at)?,
                 score: n.score.clamp(0.0, 1.0),
                 bounds: Box3::new(n.centroid, n.extent).map_err(at)?,
+                others,
                 sightings: n.sightings,
+                misses: n.misses,
                 last_seen: n.last_seen,
             });
         }
@@ -213,7 +240,7 @@ impl Case {
         Ok(Self {
             query: c.query.to_graph(vocabulary).map_err(within("query"))?,
             reference: c.reference.to_graph(vocabulary).map_err(within("reference"))?,
-            looked: c.seen_query.map(|s| Looked::new(s.cell, s.origin, s.cells)).transpose()?,
+            looked: c.seen_query.map(|s| Looked::new(s.cell, s.origin, &s.cells)).transpose()?,
             prior: c.prior.map(|v| isometry(&numbers(&v)?)).transpose()?,
             id: c.id,
             gravity_aligned: c.gravity_aligned,

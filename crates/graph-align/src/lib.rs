@@ -47,7 +47,7 @@ pub use error::Error;
 pub use graph::{Edge, Node, NodeId, SceneGraph};
 pub use looked::Looked;
 pub use paper::PaperParams;
-pub use robust::{Index, RobustParams};
 pub use replica::{Folded, Key, Observation, Replica};
+pub use robust::{Index, RobustParams};
 pub use update::{append, update};
 pub use vocabulary::{LabelId, PredicateId, Vocabulary};

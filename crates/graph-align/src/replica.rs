@@ -4,7 +4,10 @@
 //! set alone ([`Replica::fold`]). Arrival order, duplicates and delays do not matter: the same set
 //! gives the same bytes.
 
-use crate::{Error, Match, Outcome, Params, Query, SceneGraph, align, append, paper, update};
+use crate::robust::{self, Index};
+use crate::{
+    Algorithm, Error, Looked, Match, Outcome, Params, Query, SceneGraph, align_indexed, append, paper, update,
+};
 use nalgebra::Isometry3;
 use std::collections::BTreeMap;
 
@@ -34,6 +37,8 @@ pub struct Observation {
     pub frame: u32,
     /// The visit's graph.
     pub graph: SceneGraph,
+    /// Where the visit looked, in the same frame.
+    pub looked: Option<Looked>,
 }
 
 /// Observations of any number of agents.
@@ -43,12 +48,21 @@ pub struct Replica {
 }
 
 /// A part of the merged graph whose frames are connected.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug)]
 pub struct Component {
     /// In the frame of its oldest observation.
     pub graph: SceneGraph,
     /// `component_from_frame` of every frame in it.
     pub frames: BTreeMap<u32, Isometry3<f32>>,
+    /// Of `graph`, for the robust algorithm.
+    index: Index,
+}
+
+impl PartialEq for Component {
+    /// The index follows from the graph.
+    fn eq(&self, other: &Self) -> bool {
+        self.graph == other.graph && self.frames == other.frames
+    }
 }
 
 /// The merged graph, in connected parts, oldest first.
@@ -97,42 +111,73 @@ impl Replica {
     }
 }
 
+impl Component {
+    fn new(o: &Observation, params: &Params) -> Self {
+        let graph = append(&SceneGraph::default(), &o.graph, &Isometry3::identity());
+        let index = match params.algorithm {
+            Algorithm::Robust => Index::of(&graph, &params.robust),
+            Algorithm::Paper | Algorithm::Append => Index::default(),
+        };
+        Self { graph, frames: BTreeMap::from([(o.frame, Isometry3::identity())]), index }
+    }
+
+    fn align(&self, query: &Query<'_>, params: &Params) -> Outcome {
+        align_indexed(&self.graph, &self.index, query, params)
+    }
+
+    /// Merges a query whose frame is known. The robust algorithm associates at the known pose where
+    /// its search refuses: the frames are a matter of fact, the objects need not be many.
+    fn merge(&mut self, query: &Query<'_>, outcome: Outcome, pose: &Isometry3<f32>, params: &Params) {
+        if params.algorithm != Algorithm::Robust {
+            self.graph = update(&self.graph, query, &outcome, params);
+            return;
+        }
+        let m = match outcome {
+            Outcome::Match(m) => m,
+            Outcome::Ambiguous { .. } | Outcome::NoMatch { .. } => {
+                robust::associate(&self.index, query, pose, &params.robust)
+            }
+        };
+        robust::merge::merge(&mut self.graph, Some(&mut self.index), query.graph, &m, &params.robust);
+    }
+}
+
 impl Folded {
     /// One step of the fold.
     pub fn push(&mut self, o: &Observation, params: &Params) {
+        let query = Query { looked: o.looked.as_ref(), ..Query::new(&o.graph) };
         if let Some(k) = self.components.iter().position(|c| c.frames.contains_key(&o.frame)) {
-            self.push_known(k, o, params);
-            return;
+            self.push_known(k, o, &query, params);
+        } else if let Some((k, m)) = self.best_match(&query, None, params) {
+            let (c, t) = (&mut self.components[k], m.reference_from_query);
+            c.frames.insert(o.frame, t);
+            c.merge(&query, Outcome::Match(m), &t, params);
+        } else {
+            self.components.push(Component::new(o, params));
         }
-        for k in 0..self.components.len() {
-            let query = Query::new(&o.graph);
-            let outcome = align(&self.components[k].graph, &query, params);
-            if let Outcome::Match(m) = &outcome {
-                let c = &mut self.components[k];
-                c.frames.insert(o.frame, m.reference_from_query);
-                c.graph = update(&c.graph, &query, &outcome, params);
-                return;
-            }
-        }
-        self.components.push(Component {
-            graph: append(&SceneGraph::default(), &o.graph, &Isometry3::identity()),
-            frames: BTreeMap::from([(o.frame, Isometry3::identity())]),
-        });
     }
 
-    /// The observation's frame is known: it joins its component, and may link others to it.
-    fn push_known(&mut self, k: usize, o: &Observation, params: &Params) {
-        let prior = self.components[k].frames.get(&o.frame).copied();
-        let query = Query { prior, ..Query::new(&o.graph) };
-        let outcome = align(&self.components[k].graph, &query, params);
-        let t = prior.unwrap_or_else(Isometry3::identity);
-        let c = &mut self.components[k];
-        c.graph = update(&c.graph, &query, &outcome, params);
-        for other in (0..self.components.len()).rev().filter(|&other| other != k) {
-            if let Outcome::Match(m) = align(&self.components[other].graph, &Query::new(&o.graph), params) {
-                self.link(k, other, &(t * m.reference_from_query.inverse()), params);
-                return;
+    /// The component in which the query is found with the highest score, the oldest of equals.
+    fn best_match(&self, query: &Query<'_>, but: Option<usize>, params: &Params) -> Option<(usize, Match)> {
+        let mut best: Option<(usize, Match)> = None;
+        for (k, c) in self.components.iter().enumerate().filter(|(k, _)| Some(*k) != but) {
+            if let Outcome::Match(m) = c.align(query, params)
+                && best.as_ref().is_none_or(|(_, b)| m.score > b.score)
+            {
+                best = Some((k, m));
             }
+        }
+        best
+    }
+
+    /// The observation's frame is known: it joins its component, and may link another to it.
+    fn push_known(&mut self, k: usize, o: &Observation, query: &Query<'_>, params: &Params) {
+        let pose = self.components[k].frames.get(&o.frame).copied().unwrap_or_else(Isometry3::identity);
+        let at = Query { prior: Some(pose), ..*query };
+        let outcome = self.components[k].align(&at, params);
+        self.components[k].merge(&at, outcome, &pose, params);
+        if let Some((other, m)) = self.best_match(query, Some(k), params) {
+            self.link(k, other, &(pose * m.reference_from_query.inverse()), params);
         }
     }
 
@@ -144,15 +189,19 @@ impl Folded {
         for (frame, from_frame) in gone.frames {
             c.frames.insert(frame, t * from_frame);
         }
-        let m = Match {
-            reference_from_query: t,
-            pairs: Vec::new(),
-            score: 0.0,
-            margin: None,
-            verdicts: paper::verdicts(&c.graph, &gone.graph, &t, &params.paper),
-            removed: Vec::new(),
+        let query = Query::new(&gone.graph);
+        let m = match params.algorithm {
+            Algorithm::Robust => robust::associate(&c.index, &query, &t, &params.robust),
+            Algorithm::Paper | Algorithm::Append => Match {
+                reference_from_query: t,
+                pairs: Vec::new(),
+                score: 0.0,
+                margin: None,
+                verdicts: paper::verdicts(&c.graph, &gone.graph, &t, &params.paper),
+                removed: Vec::new(),
+            },
         };
-        c.graph = update(&c.graph, &Query::new(&gone.graph), &Outcome::Match(m), params);
+        c.merge(&query, Outcome::Match(m), &t, params);
     }
 
     /// The largest part, the older one of equals; empty before the first observation.

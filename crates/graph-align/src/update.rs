@@ -1,20 +1,31 @@
 //! Applying an answer to the reference.
 
-use crate::{Edge, Match, Node, NodeId, Outcome, Params, Query, SceneGraph, Verdict};
+use crate::{Algorithm, Edge, Match, Node, NodeId, Outcome, Params, Query, SceneGraph, Verdict, robust};
 use nalgebra::Isometry3;
 use std::collections::BTreeMap;
 
 /// The reference after the query has been merged into it as `outcome` says.
 ///
-/// A match: the box becomes the union, the class stays; relabelled: box and class become the
-/// query's; moved: the box becomes the query's; in all three the edges of the node become the
-/// query's. New nodes and their edges are added. Removed nodes leave with their edges. Without a
-/// match everything is appended, at the prior where there is one.
+/// *Robust*: nodes that were seen again gather classes (means over sightings) and sightings, and
+/// their box is that of the last view, extended a little towards what was known
+/// ([`RobustParams::slack`](crate::RobustParams::slack)); moved ones take the query's box and edges;
+/// relations between nodes that were both seen again become the query's, others stay; nodes of
+/// [`Match::removed`] count a miss and go when [`RobustParams::patience`](crate::RobustParams::patience)
+/// is spent.
 ///
-/// New nodes keep their id where it is free.
+/// *Paper*: a match: the box becomes the union, the class stays; relabelled: box and class become the
+/// query's; in both the edges of the node become the query's.
+///
+/// New nodes and their edges are added and keep their id where it is free. Without a match
+/// everything is appended, at the prior where there is one.
 #[must_use]
-pub fn update(reference: &SceneGraph, query: &Query<'_>, outcome: &Outcome, _params: &Params) -> SceneGraph {
+pub fn update(reference: &SceneGraph, query: &Query<'_>, outcome: &Outcome, params: &Params) -> SceneGraph {
     match outcome {
+        Outcome::Match(m) if params.algorithm == Algorithm::Robust => {
+            let mut out = reference.clone();
+            robust::merge::merge(&mut out, None, query.graph, m, &params.robust);
+            out
+        }
         Outcome::Match(m) => merge(reference, query.graph, m),
         Outcome::Ambiguous { .. } | Outcome::NoMatch { .. } => {
             append(reference, query.graph, &query.prior.unwrap_or_else(Isometry3::identity))

@@ -1,19 +1,24 @@
 //! The frames in which observations travel: integers in columns, strict to decode.
 //!
 //! Layout (little-endian; `v` = LEB128 varint without padding, `z` = zigzag varint):
-//! magic `MSG1`, u32 vocabulary fingerprint, u16 agent, u16 epoch, v seq, v start (0.1 s),
+//! magic `MSG2`, u8 flags (1: classes and misses, 2: looked), u32 vocabulary fingerprint, u16 agent, u16 epoch, v seq, v start (0.1 s),
 //! v duration (0.1 s), v frame, v nodes, v edges; node columns: id (first v, then v of the
 //! difference to the one before, at least 1), label v, score u8 (1/255), centroid x, y, z as z of
 //! the difference to the node before (cm), extent x, y, z as v (cm), sightings v, last_seen z
-//! relative to the end (0.1 s); edge columns: subject's index as v of the difference to the one
-//! before, object's index v, predicate v, score u8.
+//! relative to the end (0.1 s); with flag 1 also the number of other classes u8, their labels v and
+//! scores u8 node by node, misses v; edge columns: subject's index as v of the difference to the one
+//! before, object's index v, predicate v, score u8; with flag 2 what was looked at: side of a
+//! cell v (cm), origin x, y, z as z (cm), smallest cell z each, size in cells v each, then one bit
+//! per cell, x fastest, lowest bit first, zeros to the end of the byte. `docs/wire.md` is normative.
 
 use crate::graph::quantise_score;
 use crate::{
-    Box3, Edge, Error, Key, LabelId, Node, NodeId, Observation, PredicateId, SceneGraph, Vocabulary,
+    Box3, Edge, Error, Key, LabelId, Looked, Node, NodeId, Observation, PredicateId, SceneGraph, Vocabulary,
 };
 
-const MAGIC: &[u8; 4] = b"MSG1";
+const MAGIC: &[u8; 4] = b"MSG2";
+const EVIDENCE: u8 = 1;
+const LOOKED: u8 = 2;
 /// Most nodes of a frame.
 pub const MAX_NODES: usize = 1 << 16;
 /// Most edges of a frame.
@@ -31,7 +36,9 @@ pub fn encode(o: &Observation, vocabulary: &Vocabulary) -> Result<Vec<u8>, Error
             format!("{} nodes, {} edges, want at most {MAX_NODES} and {MAX_EDGES}", g.len(), g.edges().len()),
         ));
     }
+    let evidence = g.nodes().any(|n| !n.others.is_empty() || n.misses > 0);
     let mut w = MAGIC.to_vec();
+    w.push(if evidence { EVIDENCE } else { 0 } | if o.looked.is_some() { LOOKED } else { 0 });
     w.extend(vocabulary.fingerprint().to_le_bytes());
     w.extend(o.key.agent.to_le_bytes());
     w.extend(o.key.epoch.to_le_bytes());
@@ -41,7 +48,13 @@ pub fn encode(o: &Observation, vocabulary: &Vocabulary) -> Result<Vec<u8>, Error
     put(&mut w, g.len() as u64);
     put(&mut w, g.edges().len() as u64);
     put_nodes(&mut w, g, o.end_ds);
+    if evidence {
+        put_evidence(&mut w, g);
+    }
     put_edges(&mut w, g);
+    if let Some(looked) = &o.looked {
+        put_looked(&mut w, looked);
+    }
     Ok(w)
 }
 
@@ -68,6 +81,25 @@ fn put_nodes(w: &mut Vec<u8>, g: &SceneGraph, end_ds: u32) {
     g.nodes().for_each(|n| put_signed(w, i64::from(end_ds) - (n.last_seen * 10.0).round() as i64));
 }
 
+fn put_evidence(w: &mut Vec<u8>, g: &SceneGraph) {
+    let others = |n: &Node| n.others.len().min(Node::MAX_OTHERS);
+    w.extend(g.nodes().map(|n| others(n) as u8));
+    for n in g.nodes() {
+        n.others[..others(n)].iter().for_each(|o| put(w, u64::from(o.0.0)));
+        w.extend(n.others[..others(n)].iter().map(|o| (o.1.clamp(0.0, 1.0) * 255.0).round() as u8));
+    }
+    g.nodes().for_each(|n| put(w, u64::from(n.misses)));
+}
+
+fn put_looked(w: &mut Vec<u8>, l: &Looked) {
+    put(w, to_cm(l.cell()).max(1) as u64);
+    (0..3).for_each(|k| put_signed(w, to_cm(l.origin()[k])));
+    let (first, size) = l.span();
+    first.iter().for_each(|&c| put_signed(w, i64::from(c)));
+    size.iter().for_each(|&s| put(w, u64::from(s)));
+    w.extend(l.bits());
+}
+
 fn put_edges(w: &mut Vec<u8>, g: &SceneGraph) {
     let ids: Vec<NodeId> = g.nodes().map(|n| n.id).collect();
     // An edge's ends are nodes of the graph, so the search always finds them.
@@ -92,7 +124,11 @@ fn put_edges(w: &mut Vec<u8>, g: &SceneGraph) {
 pub fn decode(bytes: &[u8], vocabulary: &Vocabulary) -> Result<Observation, Error> {
     let mut r = Reader { bytes, at: 0 };
     if r.take(4)? != MAGIC {
-        return Err(r.bad("no MSG1 frame"));
+        return Err(r.bad("no MSG2 frame"));
+    }
+    let [flags] = r.array()?;
+    if flags & !(EVIDENCE | LOOKED) != 0 {
+        return Err(r.bad(format!("flags {flags:#x}, want at most 3")));
     }
     let fingerprint = u32::from_le_bytes(r.array()?);
     if fingerprint != vocabulary.fingerprint() {
@@ -106,11 +142,15 @@ pub fn decode(bytes: &[u8], vocabulary: &Vocabulary) -> Result<Observation, Erro
     let (labels, predicates) = vocabulary.len();
     let mut graph = SceneGraph::default();
     let ids = r.nodes(n, labels, end_ds, &mut graph)?;
+    if flags & EVIDENCE != 0 {
+        r.evidence(&ids, labels, &mut graph)?;
+    }
     r.edges(m, predicates, &ids, &mut graph)?;
+    let looked = if flags & LOOKED != 0 { Some(r.looked()?) } else { None };
     if r.at != bytes.len() {
         return Err(r.bad("bytes left over"));
     }
-    Ok(Observation { key: Key { start_ds, agent, epoch, seq }, end_ds, frame, graph })
+    Ok(Observation { key: Key { start_ds, agent, epoch, seq }, end_ds, frame, graph, looked })
 }
 
 fn to_cm(v: f32) -> i64 {
@@ -144,7 +184,10 @@ impl<'a> Reader<'a> {
     }
 
     fn take(&mut self, n: usize) -> Result<&'a [u8], Error> {
-        let part = self.bytes.get(self.at..self.at + n).ok_or_else(|| self.bad("the frame ends early"))?;
+        let end = self.at.checked_add(n);
+        let part = end
+            .and_then(|end| self.bytes.get(self.at..end))
+            .ok_or_else(|| self.bad("the frame ends early"))?;
         self.at += n;
         Ok(part)
     }
@@ -212,12 +255,7 @@ impl<'a> Reader<'a> {
         graph: &mut SceneGraph,
     ) -> Result<Vec<NodeId>, Error> {
         let ids = self.id_column(n)?;
-        let mut label = Vec::with_capacity(n);
-        for _ in 0..n {
-            let v = self.varint()?;
-            let id = u16::try_from(v).ok().filter(|&l| usize::from(l) < labels);
-            label.push(id.ok_or_else(|| self.bad(format!("label {v}, the vocabulary has {labels}")))?);
-        }
+        let label = (0..n).map(|_| self.label(labels)).collect::<Result<Vec<_>, _>>()?;
         let score = self.take(n)?;
         let mut centroid = vec![[0_i64; 3]; n];
         for axis in 0..3 {
@@ -240,15 +278,67 @@ impl<'a> Reader<'a> {
             let seen = seen.ok_or_else(|| self.bad("last_seen out of range"))?;
             graph.insert_node(Node {
                 id: ids[k],
-                label: LabelId(label[k]),
+                label: label[k],
                 score: quantise_score(f32::from(score[k]) / 255.0),
                 bounds: Box3::new(centroid[k].map(of_cm), extent[k].map(of_cm))
                     .map_err(|e| self.bad(e.to_string()))?,
+                others: Vec::new(),
                 sightings: sightings[k],
+                misses: 0,
                 last_seen: seen as f64 / 10.0,
             });
         }
         Ok(ids)
+    }
+
+    fn label(&mut self, labels: usize) -> Result<LabelId, Error> {
+        let v = self.varint()?;
+        let id = u16::try_from(v).ok().filter(|&l| usize::from(l) < labels);
+        id.map(LabelId).ok_or_else(|| self.bad(format!("label {v}, the vocabulary has {labels}")))
+    }
+
+    fn evidence(&mut self, ids: &[NodeId], labels: usize, graph: &mut SceneGraph) -> Result<(), Error> {
+        let counts = self.take(ids.len())?;
+        let mut any = false;
+        for (id, &count) in ids.iter().zip(counts) {
+            if usize::from(count) > Node::MAX_OTHERS {
+                return Err(self.bad(format!("{count} other classes, want at most {}", Node::MAX_OTHERS)));
+            }
+            any |= count > 0;
+            let names = (0..count).map(|_| self.label(labels)).collect::<Result<Vec<_>, _>>()?;
+            let scores = self.take(usize::from(count))?;
+            if let Some(n) = graph.node_mut(*id) {
+                let of = |s: &u8| quantise_score(f32::from(*s) / 255.0);
+                n.others = names.into_iter().zip(scores.iter().map(of)).collect();
+            }
+        }
+        for id in ids {
+            let misses = self.u32()?;
+            any |= misses > 0;
+            if let Some(n) = graph.node_mut(*id) {
+                n.misses = misses;
+            }
+        }
+        if any { Ok(()) } else { Err(self.bad("evidence that says nothing")) }
+    }
+
+    fn looked(&mut self) -> Result<Looked, Error> {
+        let cell = of_cm(i64::from(self.u32()?));
+        let mut three =
+            || -> Result<[i64; 3], Error> { Ok([self.signed()?, self.signed()?, self.signed()?]) };
+        let (origin, first) = (three()?, three()?);
+        let size = [self.u32()?, self.u32()?, self.u32()?];
+        let mut low = [0_i32; 3];
+        for k in 0..3 {
+            low[k] = i32::try_from(first[k]).map_err(|_| self.bad("a cell beyond 32 bits"))?;
+            if origin[k].unsigned_abs() > 100_000_000 {
+                return Err(self.bad("origin beyond 1e6 m"));
+            }
+        }
+        let all = size.iter().try_fold(1_u64, |a, &s| a.checked_mul(u64::from(s))).unwrap_or(u64::MAX);
+        let bytes = usize::try_from(all.div_ceil(8)).map_err(|_| self.bad("too many cells"))?;
+        let bits = self.take(bytes)?;
+        Looked::from_bits(cell, origin.map(of_cm), low, size, bits).map_err(|e| self.bad(e.to_string()))
     }
 
     fn edges(

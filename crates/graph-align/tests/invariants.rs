@@ -4,7 +4,7 @@
 
 mod common;
 
-use common::{graph, is_sound, renamed, vocabulary};
+use common::{graph, is_sound, looked, renamed, vocabulary};
 use graph_align::{
     Box3, Edge, Key, LabelId, Node, NodeId, Observation, Outcome, PaperParams, Params, PredicateId, Query,
     Replica, SceneGraph, Verdict, Why, align, update, wire,
@@ -102,6 +102,7 @@ proptest! {
                 end_ds: 100,
                 frame: k as u32 % 2,
                 graph: graph.quantised(),
+                looked: None,
             })
             .collect();
         let mut one = Replica::default();
@@ -120,19 +121,20 @@ proptest! {
     }
 
     #[test]
-    fn frames_carry_the_quantised_graph(g in graph(30), seq in any::<u32>()) {
+    fn frames_carry_the_quantised_graph(g in graph(30), looked in looked(), seq in any::<u32>()) {
         let v = vocabulary();
-        let o = Observation { key: Key { start_ds: 100, agent: 3, epoch: 1, seq }, end_ds: 900, frame: 2, graph: g };
+        let o = Observation { key: Key { start_ds: 100, agent: 3, epoch: 1, seq }, end_ds: 900, frame: 2, graph: g, looked: Some(looked) };
         let bytes = wire::encode(&o, &v).expect("small");
         let back = wire::decode(&bytes, &v).expect("own frame");
         prop_assert_eq!(&back.graph, &o.graph.quantised());
+        prop_assert_eq!(&back.looked, &o.looked);
         prop_assert_eq!(wire::encode(&back, &v).expect("small"), bytes);
     }
 
     #[test]
-    fn broken_frames_are_refused_or_canonical(g in graph(12), at in any::<prop::sample::Index>(), flip in 1..=255_u8, cut in any::<prop::sample::Index>()) {
+    fn broken_frames_are_refused_or_canonical(g in graph(12), looked in looked(), at in any::<prop::sample::Index>(), flip in 1..=255_u8, cut in any::<prop::sample::Index>()) {
         let v = vocabulary();
-        let o = Observation { key: Key { start_ds: 1, agent: 0, epoch: 0, seq: 0 }, end_ds: 2, frame: 0, graph: g };
+        let o = Observation { key: Key { start_ds: 1, agent: 0, epoch: 0, seq: 0 }, end_ds: 2, frame: 0, graph: g, looked: Some(looked) };
         let bytes = wire::encode(&o, &v).expect("small");
         prop_assert!(wire::decode(&bytes[..cut.index(bytes.len())], &v).is_err());
         let mut flipped = bytes.clone();

@@ -59,6 +59,8 @@ pub struct Clocks {
 pub struct Local {
     /// In the visit's frame, quantised as it travels.
     pub graphs: BTreeMap<Variant, SceneGraph>,
+    /// Where the visit looked, in its frame.
+    pub looked: graph_align::Looked,
     /// The instance that each node of the network's graph mostly shows; 0 = none.
     pub instances: BTreeMap<NodeId, u32>,
     /// What its depth samples fell on.
@@ -141,9 +143,10 @@ pub fn run_visit(
         };
         graphs.insert(v, graph.quantised());
     }
+    let looked = robot.looked().map_err(pipeline)?.quantised();
     let instances = instances_of(&network, &set, &node_of, &taught.instances);
     let wall_s = (p.clocks.wall)() - wall;
-    Ok(Local { graphs, instances, seen, cpu_s, world_s, wall_s, frames: count })
+    Ok(Local { graphs, looked, instances, seen, cpu_s, world_s, wall_s, frames: count })
 }
 
 fn graph_of(

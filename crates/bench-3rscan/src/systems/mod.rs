@@ -22,7 +22,7 @@ pub enum System {
     Sgfn,
     /// One agent, everything is appended.
     SgfnKeep,
-    /// The robust algorithm; the paper's until it exists.
+    /// The robust algorithm.
     Ma3dsg,
     /// The paper's algorithm.
     Paper,

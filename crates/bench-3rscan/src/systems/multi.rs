@@ -4,7 +4,9 @@ use super::{AgentFrames, Clocks, Exchange, Local, Made, System, oracle};
 use crate::Error;
 use crate::scenario::{FramesMode, Plan, Visit};
 use fleet::{LinkParams, Network};
-use graph_align::{Algorithm, Edge, Folded, Key, Node, NodeId, Observation, Params, SceneGraph, Vocabulary};
+use graph_align::{
+    Algorithm, Edge, Folded, Key, Node, NodeId, Observation, Params, RobustParams, SceneGraph, Vocabulary,
+};
 use nalgebra::{Isometry3, Point3};
 use scan3r::RoomEntry;
 
@@ -41,7 +43,12 @@ pub fn multi_agent(
     p: &MultiParams<'_>,
 ) -> Result<Made, Error> {
     let mut params = p.align.clone();
-    params.algorithm = if system == System::Append { Algorithm::Append } else { Algorithm::Paper };
+    params.algorithm = match system {
+        System::Append => Algorithm::Append,
+        System::Ma3dsg => Algorithm::Robust,
+        _ => Algorithm::Paper,
+    };
+    params.robust.structure = RobustParams::for_vocabulary(p.vocabulary).structure;
     if matches!(p.mode, FramesMode::Unknown | FramesMode::UnknownVisit) {
         params.paper.transform = graph_align::paper::TransformReading::FitMap;
     }
@@ -127,7 +134,13 @@ fn observation(v: &Visit, local: &Local, frames: &AgentFrames) -> Observation {
         let _ = graph.insert_edge(Edge { s: id(e.s), t: id(e.t), ..e });
     }
     let key = Key { start_ds: ds(v.start), agent: v.agent as u16, epoch: 0, seq: v.seq };
-    Observation { key, end_ds: ds(v.end()), frame: frames.number(v), graph: graph.quantised() }
+    Observation {
+        key,
+        end_ds: ds(v.end()),
+        frame: frames.number(v),
+        graph: graph.quantised(),
+        looked: Some(local.looked.clone()),
+    }
 }
 
 /// Folds every replica; the scored graph is agent 0's, in the domain frame.

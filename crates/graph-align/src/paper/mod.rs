@@ -8,7 +8,7 @@
 mod rules;
 mod search;
 
-use crate::{fit, Match, Outcome, Query, SceneGraph, Verdict, Why};
+use crate::{Match, Outcome, Query, SceneGraph, Verdict, Why, fit};
 use nalgebra::Isometry3;
 
 pub use rules::verdicts;

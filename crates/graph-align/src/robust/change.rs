@@ -1,160 +1,165 @@
 //! What became of every node, given a pose.
 
 use super::evidence::{Hypothesis, Scene};
-use super::index::{Index, Item};
-use crate::{Box3, LabelId, Looked, Match, Node, NodeId, Query, SceneGraph, Verdict};
-use nalgebra::Isometry3;
+use super::index::Item;
+use crate::{Box3, Match, NodeId, Query, Verdict};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// An object that is still where it was is within this of its place, metres, plus four times the
-/// noise of the pose's pairs.
+/// An object that is still where it was is within this of its place, metres, plus this many times
+/// the noise of the pose's pairs.
 const AT_REST: (f32, f32) = (0.12, 3.0);
 /// Boxes of structure are grown by this before they are compared, metres.
 const GROWN: f32 = 0.1;
-/// Smallest share of the smaller of two boxes of structure that both have.
-const SHARED: f32 = 0.4;
+/// Smallest share of the smaller of two boxes that both have: structure, and objects whose centres
+/// are farther apart than noise explains because different parts of them were seen.
+const SHARED: (f32, f32) = (0.4, 0.4);
 /// Log-size differences up to which two objects may be one that moved: height, footprint.
 const MOVED_SIZE: (f32, f32) = (0.3, 0.35);
 /// Farthest move that is looked for, metres.
 const FARTHEST: f32 = 6.0;
 
 /// The answer for a hypothesis.
-pub(super) fn describe(
-    reference: &SceneGraph,
-    query: &Query<'_>,
-    scene: &Scene<'_>,
-    h: &Hypothesis,
-    margin: Option<f32>,
-) -> Match {
-    let mut verdicts: BTreeMap<NodeId, Verdict> = query.graph.nodes().map(|n| (n.id, Verdict::New)).collect();
-    let mut used: BTreeSet<NodeId> = BTreeSet::new();
-    at_rest(scene, h, &mut verdicts, &mut used);
-    structure(reference, query.graph, &h.pose, &scene.params.structure, &mut verdicts, &mut used);
-    let gone = looked_through(scene.index, query.looked, &h.pose, &used);
-    let pairs = pairs_of(&verdicts);
-    moved(scene, h, &gone, &mut verdicts, &mut used);
-    let removed = gone.iter().map(|g| g.id).filter(|id| !used.contains(id)).collect::<BTreeSet<_>>();
+pub(super) fn describe(query: &Query<'_>, scene: &Scene<'_>, h: &Hypothesis, margin: Option<f32>) -> Match {
+    let mut found = Found {
+        verdicts: query.graph.nodes().map(|n| (n.id, Verdict::New)).collect(),
+        used: BTreeSet::new(),
+    };
+    at_rest(scene, h, &mut found);
+    structure(query, scene, h, &mut found);
+    let pairs = found.pairs();
+    let gone = looked_at(scene, h, &found.used);
+    moved(scene, h, &gone, &mut found);
+    let removed: BTreeSet<NodeId> = gone.iter().map(|g| g.id).filter(|id| !found.used.contains(id)).collect();
     Match {
         reference_from_query: h.pose,
         pairs,
         score: h.evidence,
         margin,
-        verdicts,
+        verdicts: found.verdicts,
         removed: removed.into_iter().collect(),
     }
 }
 
-fn pairs_of(verdicts: &BTreeMap<NodeId, Verdict>) -> Vec<(NodeId, NodeId)> {
-    verdicts
-        .iter()
-        .filter_map(|(&q, v)| match *v {
+struct Found {
+    verdicts: BTreeMap<NodeId, Verdict>,
+    used: BTreeSet<NodeId>,
+}
+
+impl Found {
+    /// Whether the pair is one-to-one with those before it; then it is taken.
+    fn take(&mut self, q: NodeId, r: NodeId, verdict: Verdict) {
+        if self.verdicts.get(&q) == Some(&Verdict::New) && self.used.insert(r) {
+            self.verdicts.insert(q, verdict);
+        }
+    }
+
+    fn is_new(&self, q: NodeId) -> bool {
+        self.verdicts.get(&q) == Some(&Verdict::New)
+    }
+
+    fn pairs(&self) -> Vec<(NodeId, NodeId)> {
+        let of = |(&q, v): (&NodeId, &Verdict)| match *v {
             Verdict::Same(r) | Verdict::Relabelled(r) => Some((q, r)),
             Verdict::Moved(_) | Verdict::New => None,
-        })
-        .collect()
+        };
+        self.verdicts.iter().filter_map(of).collect()
+    }
 }
 
 /// Objects that stand where they stood, one-to-one: of equal labels first, then of others.
-fn at_rest(
-    scene: &Scene<'_>,
-    h: &Hypothesis,
-    verdicts: &mut BTreeMap<NodeId, Verdict>,
-    used: &mut BTreeSet<NodeId>,
-) {
+fn at_rest(scene: &Scene<'_>, h: &Hypothesis, found: &mut Found) {
     let gate = (AT_REST.0 + AT_REST.1 * h.sigma).min(0.7);
     let mut pairs = Vec::new();
     for q in scene.query {
-        let p = h.pose * q.p;
-        scene.index.near(&p, gate, |_, r| {
+        let there = q.bounds.transformed(&h.pose);
+        let p = there.centroid();
+        let half = half_longest(&there);
+        scene.index.near(&p, gate.max(half), |_, r| {
             let distance = (p - r.p).norm();
             let same = q.label == r.label;
-            let sizes = !scene.upright
-                || (q.size.height - r.size.height).abs() < 0.35 && (q.size.foot - r.size.foot).abs() < 0.45;
-            if distance < gate && (same || (sizes && distance < 0.7 * gate)) {
+            let fits = if same {
+                let reach = half.min(half_longest(&r.bounds));
+                // Two views of different parts of one object differ in size; one that moved does not.
+                let parts = distance < reach && !similar(scene, q, r);
+                distance < gate || (parts && shared(&there, &r.bounds, 0.0) > SHARED.1)
+            } else {
+                distance < 0.7 * gate && similar(scene, q, r)
+            };
+            if fits {
                 let evidence = scene.evidence(q, r, &p, h.sigma.max(0.08));
-                pairs.push((!same, -evidence, *q, *r));
+                pairs.push((!same, distance >= gate, -evidence, *q, *r));
             }
         });
     }
     pairs.sort_by(|a, b| {
-        a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)).then_with(|| a.2.order(&b.2)).then_with(|| a.3.order(&b.3))
+        (a.0, a.1)
+            .cmp(&(b.0, b.1))
+            .then(a.2.total_cmp(&b.2))
+            .then_with(|| a.3.order(&b.3))
+            .then_with(|| a.4.order(&b.4))
     });
-    for (other, _, q, r) in pairs {
-        if verdicts.get(&q.id) == Some(&Verdict::New) && used.insert(r.id) {
-            verdicts.insert(q.id, if other { Verdict::Relabelled(r.id) } else { Verdict::Same(r.id) });
-        }
+    for (other, _, _, q, r) in pairs {
+        found.take(q.id, r.id, if other { Verdict::Relabelled(r.id) } else { Verdict::Same(r.id) });
     }
+}
+
+fn half_longest(b: &Box3) -> f32 {
+    b.extent().max() / 2.0
+}
+
+/// Sizes that two views of one object may have.
+fn similar(scene: &Scene<'_>, q: &Item, r: &Item) -> bool {
+    !scene.upright || (q.size.height - r.size.height).abs() < 0.35 && (q.size.foot - r.size.foot).abs() < 0.45
 }
 
 /// Walls, floors and ceilings by the share of their boxes that both have: a part lies within the
 /// whole.
-fn structure(
-    reference: &SceneGraph,
-    query: &SceneGraph,
-    pose: &Isometry3<f32>,
-    labels: &[LabelId],
-    verdicts: &mut BTreeMap<NodeId, Verdict>,
-    used: &mut BTreeSet<NodeId>,
-) {
-    if labels.is_empty() {
-        return;
-    }
-    let of = |g: &SceneGraph| -> Vec<Node> { g.nodes().filter(|n| labels.contains(&n.label)).cloned().collect() };
-    let (queries, references) = (of(query), of(reference));
+fn structure(query: &Query<'_>, scene: &Scene<'_>, h: &Hypothesis, found: &mut Found) {
     let mut pairs = Vec::new();
-    for q in &queries {
-        let there = q.bounds.transformed(pose);
-        for r in references.iter().filter(|r| r.label == q.label) {
-            let share = shared(&there, &r.bounds);
-            if share > SHARED {
-                pairs.push((there.distance(&r.bounds) * (1.5 - share), q.id, r.id));
+    for q in query.graph.nodes().filter(|n| scene.params.structure.contains(&n.label)) {
+        let there = q.bounds.transformed(&h.pose);
+        scene.index.structure_near(&there, |_, r| {
+            let share = shared(&there, &r.bounds, GROWN);
+            if r.label == q.label && share > SHARED.0 {
+                pairs.push((there.distance(&r.bounds) * (1.5 - share), Item::of(q), *r));
             }
-        }
+        });
     }
-    pairs.sort_by(|a, b| a.0.total_cmp(&b.0).then((a.1, a.2).cmp(&(b.1, b.2))));
+    pairs.sort_by(|a, b| a.0.total_cmp(&b.0).then_with(|| a.1.order(&b.1)).then_with(|| a.2.order(&b.2)));
     for (_, q, r) in pairs {
-        if verdicts.get(&q) == Some(&Verdict::New) && used.insert(r) {
-            verdicts.insert(q, Verdict::Same(r));
-        }
+        found.take(q.id, r.id, Verdict::Same(r.id));
     }
 }
 
-/// Shared volume over that of the smaller box, both grown a little.
-fn shared(a: &Box3, b: &Box3) -> f32 {
-    let (alo, ahi) = (a.min().coords.add_scalar(-GROWN), a.max().coords.add_scalar(GROWN));
-    let (blo, bhi) = (b.min().coords.add_scalar(-GROWN), b.max().coords.add_scalar(GROWN));
+/// Shared volume over that of the smaller box, both grown.
+fn shared(a: &Box3, b: &Box3, grown: f32) -> f32 {
+    let (alo, ahi) = (a.min().coords.add_scalar(-grown), a.max().coords.add_scalar(grown));
+    let (blo, bhi) = (b.min().coords.add_scalar(-grown), b.max().coords.add_scalar(grown));
     let both: f32 = (0..3).map(|k| (ahi[k].min(bhi[k]) - alo[k].max(blo[k])).max(0.0)).product();
     let (va, vb): (f32, f32) = ((ahi - alo).product(), (bhi - blo).product());
-    both / va.min(vb)
+    both / va.min(vb).max(1e-9)
 }
 
 /// Reference objects without a counterpart whose centre the query's robot looked at, by content.
-fn looked_through(
-    index: &Index,
-    looked: Option<&Looked>,
-    pose: &Isometry3<f32>,
-    used: &BTreeSet<NodeId>,
-) -> Vec<Item> {
-    let Some(looked) = looked else { return Vec::new() };
-    let back = pose.inverse();
-    let seen = |r: &Item| looked.contains(&(back * r.p));
-    let mut gone: Vec<Item> =
-        index.items().map(|(_, r)| *r).filter(|r| !used.contains(&r.id) && seen(r)).collect();
+fn looked_at(scene: &Scene<'_>, h: &Hypothesis, used: &BTreeSet<NodeId>) -> Vec<Item> {
+    let Some(looked) = scene.looked else { return Vec::new() };
+    let back = h.pose.inverse();
+    let (middle, radius) = looked.ball();
+    let mut gone = Vec::new();
+    scene.index.near(&(h.pose * middle), radius, |_, r| {
+        if !used.contains(&r.id) && looked.contains(&(back * r.p)) {
+            gone.push(*r);
+        }
+    });
     gone.sort_by(Item::order);
     gone
 }
 
 /// Objects that are gone from one place and turn up at another: same label, same size, the most
-/// alike first.
-fn moved(
-    scene: &Scene<'_>,
-    h: &Hypothesis,
-    gone: &[Item],
-    verdicts: &mut BTreeMap<NodeId, Verdict>,
-    used: &mut BTreeSet<NodeId>,
-) {
+/// alike and nearest first.
+fn moved(scene: &Scene<'_>, h: &Hypothesis, gone: &[Item], found: &mut Found) {
     let mut pairs = Vec::new();
-    for q in scene.query.iter().filter(|q| verdicts.get(&q.id) == Some(&Verdict::New)) {
+    for q in scene.query.iter().filter(|q| found.is_new(q.id)) {
         let p = h.pose * q.p;
         for r in gone.iter().filter(|r| r.label == q.label) {
             let (dh, df) = ((q.size.height - r.size.height).abs(), (q.size.foot - r.size.foot).abs());
@@ -165,15 +170,12 @@ fn moved(
             };
             let distance = (p - r.p).norm();
             if alike && distance < FARTHEST {
-                let cost = distance / 2.0 + 2.0 * dh + df;
-                pairs.push((cost, *q, *r));
+                pairs.push((distance / 2.0 + 2.0 * dh + df, *q, *r));
             }
         }
     }
     pairs.sort_by(|a, b| a.0.total_cmp(&b.0).then_with(|| a.1.order(&b.1)).then_with(|| a.2.order(&b.2)));
     for (_, q, r) in pairs {
-        if verdicts.get(&q.id) == Some(&Verdict::New) && used.insert(r.id) {
-            verdicts.insert(q.id, Verdict::Moved(r.id));
-        }
+        found.take(q.id, r.id, Verdict::Moved(r.id));
     }
 }

@@ -14,8 +14,8 @@
 
 use super::index::{Index, Item};
 use super::{RobustParams, Work};
-use crate::fit;
 use crate::Looked;
+use crate::fit;
 use nalgebra::{Isometry3, Point3};
 use std::collections::BTreeSet;
 
@@ -57,10 +57,13 @@ pub(super) struct Hypothesis {
 }
 
 /// What all hypotheses of one search share.
+#[derive(Clone, Copy)]
 pub(super) struct Scene<'a> {
     pub index: &'a Index,
     pub query: &'a [Item],
     pub looked: Option<&'a Looked>,
+    /// The query's x axis is turned round.
+    pub mirrored: bool,
     pub upright: bool,
     pub params: &'a RobustParams,
 }
@@ -120,9 +123,11 @@ impl Scene<'_> {
         });
         let mut used_q = vec![false; self.query.len()];
         let mut used_r = BTreeSet::new();
-        all.retain(|p| !used_q[p.query] && used_r.insert(p.slot) && {
-            used_q[p.query] = true;
-            true
+        all.retain(|p| {
+            !used_q[p.query] && used_r.insert(p.slot) && {
+                used_q[p.query] = true;
+                true
+            }
         });
         Some(all)
     }
@@ -156,6 +161,25 @@ impl Scene<'_> {
             + (1.0 - r.score) * q.score / (k * self.index.share(r.label))
     }
 
+    /// A pose as it is, without fitting it.
+    pub(super) fn judge_at(&self, pose: &Isometry3<f32>, work: &mut Work) -> Hypothesis {
+        let mut sigma = 0.2;
+        for _ in 0..2 {
+            if let Some(pairs) = self.pairs(pose, 0.6, sigma, work) {
+                sigma = self.noise(pose, &pairs);
+            }
+        }
+        let nothing = Hypothesis {
+            pose: *pose,
+            pairs: Vec::new(),
+            evidence: f32::MIN,
+            sigma,
+            query_missing: 0,
+            reference_missing: 0,
+        };
+        self.judge(*pose, sigma, work).unwrap_or(nothing)
+    }
+
     /// The pairs under a pose, and what is missing.
     fn judge(&self, pose: Isometry3<f32>, sigma: f32, work: &mut Work) -> Option<Hypothesis> {
         let pairs = self.pairs(&pose, (4.0 * sigma).clamp(0.25, 0.8), sigma, work)?;
@@ -175,7 +199,14 @@ impl Scene<'_> {
         }
         if let Some(looked) = self.looked {
             let back = pose.inverse();
-            in_view = self.around(&pose).into_iter().filter(|(_, r)| looked.contains(&(back * r.p))).map(|(s, _)| s).collect();
+            let seen = |r: &Item| {
+                let mut p = back * r.p;
+                if self.mirrored {
+                    p.x = -p.x;
+                }
+                looked.contains(&p)
+            };
+            in_view = self.around(&pose).into_iter().filter(|(_, r)| seen(r)).map(|(s, _)| s).collect();
         }
         if !work.spend(in_view.len() as u64 + self.query.len() as u64) {
             return None;

@@ -1,7 +1,7 @@
 //! What is looked up about a reference: where its objects are, and which labelled pairs it holds.
 
 use super::RobustParams;
-use crate::{LabelId, Node, NodeId, SceneGraph};
+use crate::{Box3, LabelId, Node, NodeId, SceneGraph};
 use nalgebra::Point3;
 use std::collections::BTreeMap;
 use std::hash::{BuildHasherDefault, Hasher};
@@ -30,7 +30,10 @@ impl Hasher for Mix {
     }
 }
 
-#[allow(clippy::disallowed_types, reason = "looked up by key, never walked through: its order decides nothing")]
+#[allow(
+    clippy::disallowed_types,
+    reason = "looked up by key, never walked through: its order decides nothing"
+)]
 type Table<V> = std::collections::HashMap<u64, V, BuildHasherDefault<Mix>>;
 
 /// The size of an object in numbers that a turn about the vertical hardly changes.
@@ -52,7 +55,7 @@ impl Size {
     }
 }
 
-/// An object that takes part in the search.
+/// A node as the search sees it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Item {
     pub id: NodeId,
@@ -61,6 +64,7 @@ pub(super) struct Item {
     pub score: f32,
     pub p: Point3<f32>,
     pub size: Size,
+    pub bounds: Box3,
 }
 
 impl Item {
@@ -71,6 +75,7 @@ impl Item {
             score: node.score.clamp(0.05, 0.95),
             p: node.bounds.centroid(),
             size: Size::of(node),
+            bounds: node.bounds,
         }
     }
 
@@ -79,14 +84,17 @@ impl Item {
         let key = |i: &Self| [i.p.x, i.p.y, i.p.z, i.size.height, i.size.foot, i.score];
         let (a, b) = (key(self), key(other));
         let floats = a.iter().zip(&b).map(|(x, y)| x.total_cmp(y)).find(|o| o.is_ne());
-        self.label.cmp(&other.label).then(floats.unwrap_or(std::cmp::Ordering::Equal)).then(self.id.cmp(&other.id))
+        self.label
+            .cmp(&other.label)
+            .then(floats.unwrap_or(std::cmp::Ordering::Equal))
+            .then(self.id.cmp(&other.id))
     }
 }
 
 /// Objects of a reference by place, and its labelled pairs by distance.
 ///
 /// It can be kept beside a growing graph: [`Self::insert`] and [`Self::remove`] cost some
-/// microseconds per node. Structure ([`RobustParams::structure`]) is left out.
+/// microseconds per node. Structure ([`RobustParams::structure`]) is in no pair.
 #[derive(Clone, Debug, Default)]
 pub struct Index {
     range: f32,
@@ -95,8 +103,13 @@ pub struct Index {
     free: Vec<u32>,
     slots: BTreeMap<NodeId, u32>,
     cells: Table<Vec<u32>>,
+    /// Structure by the place of its centroid.
+    frame: Table<Vec<u32>>,
+    /// Half the longest diagonal of structure so far.
+    longest: f32,
     pairs: Table<Vec<[u32; 2]>>,
     labels: BTreeMap<LabelId, u32>,
+    objects: usize,
     occupied: usize,
     entries: usize,
 }
@@ -119,9 +132,6 @@ impl Index {
     /// Adds a node; one of the same id is replaced.
     pub fn insert(&mut self, node: &Node) {
         self.remove(node.id);
-        if self.structure.contains(&node.label) {
-            return;
-        }
         let item = Item::of(node);
         let mut near = Vec::new();
         self.near(&item.p, self.range, |slot, other| near.push((slot, *other)));
@@ -131,6 +141,12 @@ impl Index {
         }
         self.items[slot as usize] = Some(item);
         self.slots.insert(item.id, slot);
+        if self.structure.contains(&node.label) {
+            self.frame.entry(cell_key(cell(item.p.x), cell(item.p.y))).or_default().push(slot);
+            self.longest = self.longest.max(item.bounds.extent().norm() / 2.0);
+            return;
+        }
+        self.objects += 1;
         let cell = self.cells.entry(cell_key(cell(item.p.x), cell(item.p.y))).or_default();
         self.occupied += usize::from(cell.is_empty());
         cell.push(slot);
@@ -148,6 +164,13 @@ impl Index {
         let Some(slot) = self.slots.remove(&id) else { return };
         let Some(item) = self.items[slot as usize].take() else { return };
         self.free.push(slot);
+        if self.structure.contains(&item.label) {
+            if let Some(cell) = self.frame.get_mut(&cell_key(cell(item.p.x), cell(item.p.y))) {
+                cell.retain(|&s| s != slot);
+            }
+            return;
+        }
+        self.objects -= 1;
         if let Some(cell) = self.cells.get_mut(&cell_key(cell(item.p.x), cell(item.p.y))) {
             cell.retain(|&s| s != slot);
             self.occupied -= usize::from(cell.is_empty());
@@ -169,16 +192,16 @@ impl Index {
         }
     }
 
-    /// Number of objects.
+    /// Number of objects, structure left out.
     #[must_use]
     pub fn len(&self) -> usize {
-        self.slots.len()
+        self.objects
     }
 
     /// True without objects.
     #[must_use]
     pub fn is_empty(&self) -> bool {
-        self.slots.is_empty()
+        self.objects == 0
     }
 
     /// Number of pair entries.
@@ -191,17 +214,21 @@ impl Index {
         self.items.get(slot as usize)?.as_ref()
     }
 
-    /// Objects in no particular order.
-    pub(super) fn items(&self) -> impl Iterator<Item = (u32, &Item)> {
-        self.items.iter().enumerate().filter_map(|(k, i)| Some((k as u32, i.as_ref()?)))
+    /// Structure whose box may touch a box, in no particular order.
+    pub(super) fn structure_near(&self, b: &Box3, f: impl FnMut(u32, &Item)) {
+        self.walk(&self.frame, &b.centroid(), b.extent().norm() / 2.0 + self.longest, f);
     }
 
     /// Objects within a horizontal distance, in no particular order.
-    pub(super) fn near(&self, p: &Point3<f32>, range: f32, mut f: impl FnMut(u32, &Item)) {
+    pub(super) fn near(&self, p: &Point3<f32>, range: f32, f: impl FnMut(u32, &Item)) {
+        self.walk(&self.cells, p, range, f);
+    }
+
+    fn walk(&self, cells: &Table<Vec<u32>>, p: &Point3<f32>, range: f32, mut f: impl FnMut(u32, &Item)) {
         let span = |v: f32| cell(v - range)..=cell(v + range);
         for i in span(p.x) {
             for j in span(p.y) {
-                for &slot in self.cells.get(&cell_key(i, j)).map_or(&[][..], Vec::as_slice) {
+                for &slot in cells.get(&cell_key(i, j)).map_or(&[][..], Vec::as_slice) {
                     let Some(item) = self.item(slot) else { continue };
                     let (dx, dy) = (item.p.x - p.x, item.p.y - p.y);
                     if dx * dx + dy * dy <= range * range {
@@ -220,7 +247,7 @@ impl Index {
     /// Share of a label among all objects, smoothed.
     pub(super) fn share(&self, label: LabelId) -> f32 {
         let n = self.labels.get(&label).copied().unwrap_or(0) as f32;
-        (n + 1.0) / (self.slots.len() as f32 + self.kinds())
+        (n + 1.0) / (self.objects as f32 + self.kinds())
     }
 
     /// Number of labels, at least ten.
@@ -231,7 +258,7 @@ impl Index {
     /// Objects per square metre where there are any.
     pub(super) fn density(&self) -> f32 {
         let area = self.occupied.max(1) as f32 * CELL * CELL;
-        (self.slots.len() as f32 / area).clamp(0.3, 4.0)
+        (self.objects as f32 / area).clamp(0.3, 4.0)
     }
 }
 

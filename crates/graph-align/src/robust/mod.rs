@@ -20,12 +20,13 @@
 mod change;
 mod evidence;
 mod index;
+pub(crate) mod merge;
 mod tilt;
 mod vote;
 
 pub use index::Index;
 
-use crate::{LabelId, Outcome, Query, SceneGraph, Vocabulary, Why};
+use crate::{LabelId, Match, Outcome, Query, Vocabulary, Why};
 use evidence::{Hypothesis, Scene};
 use index::Item;
 use nalgebra::{Isometry3, Point3};
@@ -52,6 +53,13 @@ pub struct RobustParams {
     pub peaks: usize,
     /// Radius of the surroundings of a prior in which objects are looked for, metres.
     pub prior_range: f32,
+    /// Visits in a row that look at a node's place and do not see it before it is removed: of a node
+    /// that was seen once, and of one that was seen more often.
+    pub patience: [u32; 2],
+    /// By how much the box of the last view may be extended by what was known before, metres a side.
+    pub slack: f32,
+    /// By how much a fitted pose must exceed a prior in evidence to replace it.
+    pub prior_weight: f32,
     /// Table entries and node pairs that may be looked at.
     pub budget: u64,
 }
@@ -61,13 +69,16 @@ impl Default for RobustParams {
         Self {
             structure: Vec::new(),
             pair_range: 5.0,
-            accept: 4.0,
+            accept: 3.0,
             fewest: 4,
             visible: 0.2,
-            margin: 9.0,
+            margin: 13.0,
             missing: 0.8,
             peaks: 16,
             prior_range: 1.5,
+            patience: [1, 1],
+            slack: 0.25,
+            prior_weight: 5.0,
             budget: 400_000,
         }
     }
@@ -77,7 +88,8 @@ impl RobustParams {
     /// The defaults, with `wall`, `floor` and `ceiling` of a vocabulary as structure.
     #[must_use]
     pub fn for_vocabulary(vocabulary: &Vocabulary) -> Self {
-        let structure = ["wall", "floor", "ceiling"].iter().filter_map(|n| vocabulary.find_label(n)).collect();
+        let structure =
+            ["wall", "floor", "ceiling"].iter().filter_map(|n| vocabulary.find_label(n)).collect();
         Self { structure, ..Self::default() }
     }
 }
@@ -103,69 +115,123 @@ impl Work {
 
 /// Two poses are distinct beyond this at the query's centre, metres and radians.
 const DISTINCT: (f32, f32) = (0.5, 0.1745);
+/// Log of the number of poses is at least this: rooms look alike beyond chance, even near a prior.
+const FEWEST_POSES: f32 = 10.0;
+/// Share of the query's objects above which an explanation is complete enough.
+const EXPLAINED: f32 = 0.6;
 
-pub(crate) fn align(reference: &SceneGraph, index: &Index, query: &Query<'_>, params: &RobustParams) -> Outcome {
-    let mut items: Vec<Item> = query
-        .graph
-        .nodes()
-        .filter(|n| !params.structure.contains(&n.label))
-        .map(Item::of)
-        .collect();
+/// The query's objects, in an order of content.
+fn objects(query: &Query<'_>, params: &RobustParams) -> Vec<Item> {
+    let mut items: Vec<Item> =
+        query.graph.nodes().filter(|n| !params.structure.contains(&n.label)).map(Item::of).collect();
     items.sort_by(Item::order);
+    items
+}
+
+pub(crate) fn align(index: &Index, query: &Query<'_>, params: &RobustParams) -> Outcome {
+    let items = objects(query, params);
     if items.len() < params.fewest {
         return Outcome::NoMatch { why: Why::SmallQuery };
     }
+    let scene = Scene {
+        index,
+        query: &items,
+        looked: query.looked,
+        mirrored: false,
+        upright: query.gravity_aligned,
+        params,
+    };
+    let (found, exhausted) = search(&scene, query.prior.as_ref());
+    decide(query, &scene, found, exhausted)
+}
+
+/// What became of every node if the query lies at `pose` as a matter of fact; nothing is searched or
+/// verified.
+pub(crate) fn associate(
+    index: &Index,
+    query: &Query<'_>,
+    pose: &Isometry3<f32>,
+    params: &RobustParams,
+) -> Match {
+    let items = objects(query, params);
+    let scene = Scene {
+        index,
+        query: &items,
+        looked: query.looked,
+        mirrored: false,
+        upright: query.gravity_aligned,
+        params,
+    };
+    // No budget: the work is bounded by the objects near each other.
+    let h = scene.judge_at(pose, &mut Work::new(u64::MAX));
+    change::describe(query, &scene, &h, None)
+}
+
+/// Distinct refined candidates, best first, and whether the budget ran out.
+fn search(scene: &Scene<'_>, prior: Option<&Isometry3<f32>>) -> (Vec<Hypothesis>, bool) {
+    let (index, items, params) = (scene.index, scene.query, scene.params);
     // Half for the search, half for the verification, so that the one cannot starve the other.
-    let mut search = Work::new(params.budget / 2);
-    let candidates = match (&query.prior, query.gravity_aligned) {
+    let mut searching = Work::new(params.budget / 2);
+    let mut candidates = match (prior, scene.upright) {
         (Some(prior), true) => {
             let near = vote::Near { prior, range: params.prior_range };
-            let mut c = vote::poses(index, &items, Some(&near), params, &mut search);
-            c.push(*prior);
-            c
+            vote::poses(index, items, Some(&near), params, &mut searching)
         }
-        (None, true) => vote::poses(index, &items, None, params, &mut search),
-        (prior, false) => {
-            let mut c = tilt::poses(index, &items, params, &mut search);
-            c.extend(prior);
-            c
-        }
+        (None, true) => vote::poses(index, items, None, params, &mut searching),
+        (_, false) => tilt::poses(index, items, params, &mut searching),
     };
-    let scene =
-        Scene { index, query: &items, looked: query.looked, upright: query.gravity_aligned, params };
-    let mut verify = Work::new(params.budget / 2);
-    let mut found: Vec<Hypothesis> = candidates.iter().filter_map(|c| scene.refine(c, &mut verify)).collect();
+    candidates.extend(prior);
+    let mut verifying = Work::new(params.budget / 2);
+    let mut found: Vec<Hypothesis> =
+        candidates.iter().filter_map(|c| scene.refine(c, &mut verifying)).collect();
+    if let Some(prior) = prior {
+        // A few noisy objects do not overrule what is known of the frames.
+        let mut h = scene.judge_at(prior, &mut verifying);
+        h.evidence += params.prior_weight;
+        found.push(h);
+    }
     found.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
-    let centre = vote::centre(&items);
+    let centre = vote::centre(items);
     let mut distinct: Vec<Hypothesis> = Vec::new();
     for h in found {
         if !distinct.iter().any(|d| same_pose(&d.pose, &h.pose, &centre)) {
             distinct.push(h);
         }
     }
-    let exhausted = search.exhausted || verify.exhausted;
-    decide(reference, query, &scene, distinct, exhausted)
+    (distinct, searching.exhausted || verifying.exhausted)
+}
+
+/// Whether the query's mirror image is explained better than the query itself. Distances and labels
+/// of a mirrored room agree, and parts of it that are symmetric fit; asked only where much of the
+/// query is left unexplained.
+fn mirror_fits_better(scene: &Scene<'_>, best: &Hypothesis) -> bool {
+    if best.pairs.len() as f32 >= EXPLAINED * scene.query.len() as f32 {
+        return false;
+    }
+    let mut items: Vec<Item> = scene.query.to_vec();
+    items.iter_mut().for_each(|i| i.p.x = -i.p.x);
+    items.sort_by(Item::order);
+    let image = Scene { query: &items, mirrored: !scene.mirrored, ..*scene };
+    let (found, _) = search(&image, None);
+    found.first().is_some_and(|m| m.evidence > best.evidence + scene.params.margin)
 }
 
 fn same_pose(a: &Isometry3<f32>, b: &Isometry3<f32>, at: &Point3<f32>) -> bool {
     (a * at - b * at).norm() < DISTINCT.0 && a.rotation.angle_to(&b.rotation) < DISTINCT.1
 }
 
-fn decide(
-    reference: &SceneGraph,
-    query: &Query<'_>,
-    scene: &Scene<'_>,
-    distinct: Vec<Hypothesis>,
-    exhausted: bool,
-) -> Outcome {
+fn decide(query: &Query<'_>, scene: &Scene<'_>, distinct: Vec<Hypothesis>, exhausted: bool) -> Outcome {
     let params = scene.params;
     let bar = ln_poses(scene, query) + params.accept;
     let good: Vec<Hypothesis> = distinct.into_iter().filter(|h| acceptable(h, bar, params)).collect();
     let Some(best) = good.first() else {
         return Outcome::NoMatch { why: if exhausted { Why::Budget } else { Why::NoSupport } };
     };
+    if mirror_fits_better(scene, best) {
+        return Outcome::NoMatch { why: Why::Mirrored };
+    }
     let rivals = good.iter().filter(|h| best.evidence - h.evidence < params.margin).count();
-    let answer = |h: &Hypothesis, margin: Option<f32>| change::describe(reference, query, scene, h, margin);
+    let answer = |h: &Hypothesis, margin: Option<f32>| change::describe(query, scene, h, margin);
     if rivals > 1 {
         return Outcome::Ambiguous { candidates: good[..rivals].iter().map(|h| answer(h, None)).collect() };
     }
@@ -185,6 +251,5 @@ fn ln_poses(scene: &Scene<'_>, query: &Query<'_>) -> f32 {
     let area = scene.index.len() as f32 / scene.index.density();
     let area = if query.prior.is_some() { area.min(scene.params.prior_range.powi(2)) } else { area };
     let tilts: f32 = if scene.upright { 1.0 } else { 100.0 };
-    (area / 0.04 * 36.0 * tilts).max(1.0).ln()
+    (area / 0.04 * 36.0 * tilts).ln().max(FEWEST_POSES)
 }
-

@@ -22,7 +22,12 @@ struct Candidate {
 }
 
 /// Poses by falling support, no two of them alike, at most `params.peaks`.
-pub(super) fn poses(index: &Index, query: &[Item], params: &RobustParams, work: &mut Work) -> Vec<Isometry3<f32>> {
+pub(super) fn poses(
+    index: &Index,
+    query: &[Item],
+    params: &RobustParams,
+    work: &mut Work,
+) -> Vec<Isometry3<f32>> {
     let mut found = Vec::new();
     let mut bases = 0;
     for (_, [i, j]) in base_pairs(index, query, params) {
@@ -82,7 +87,13 @@ fn alike(a: &Item, b: &Item) -> bool {
 }
 
 /// Reference pairs with the labels and the distance of a query pair, in the order of their content.
-fn matching_pairs(index: &Index, a: &Item, b: &Item, params: &RobustParams, work: &mut Work) -> Vec<(Item, Item)> {
+fn matching_pairs(
+    index: &Index,
+    a: &Item,
+    b: &Item,
+    params: &RobustParams,
+    work: &mut Work,
+) -> Vec<(Item, Item)> {
     let d = (b.p - a.p).norm();
     let (first, second) = if a.label <= b.label { (a, b) } else { (b, a) };
     let mut out = Vec::new();
@@ -128,7 +139,8 @@ fn best_turn(
     let axis = Unit::try_new(rb.p - ra.p, 1e-6)?;
     let onto = UnitQuaternion::rotation_between(&(b - a), &axis).or_else(|| {
         // Opposite directions: half a turn about anything perpendicular.
-        let across = Unit::try_new(axis.cross(&Vector3::x()), 1e-3).or_else(|| Unit::try_new(axis.cross(&Vector3::y()), 1e-3))?;
+        let across = Unit::try_new(axis.cross(&Vector3::x()), 1e-3)
+            .or_else(|| Unit::try_new(axis.cross(&Vector3::y()), 1e-3))?;
         Some(UnitQuaternion::from_axis_angle(&across, std::f32::consts::PI))
     })?;
     let (from, to) = (nalgebra::center(&a, &b), nalgebra::center(&ra.p, &rb.p));

@@ -233,7 +233,13 @@ fn probes([x, z]: [i32; 2]) -> impl Iterator<Item = [i32; 2]> {
 }
 
 /// Hits among the objects near where a prior puts the query's nodes.
-fn near_hits(index: &Index, query: &[Item], centre: &Point3<f32>, near: &Near<'_>, work: &mut Work) -> Vec<Hit> {
+fn near_hits(
+    index: &Index,
+    query: &[Item],
+    centre: &Point3<f32>,
+    near: &Near<'_>,
+    work: &mut Work,
+) -> Vec<Hit> {
     let mut candidates: Vec<Vec<(u32, Item)>> = Vec::with_capacity(query.len());
     for q in query {
         let mut list = Vec::new();

@@ -21,12 +21,14 @@ pub(crate) fn graph(n: usize) -> impl Strategy<Value = SceneGraph> {
         0_u8..=255,
         1_u32..9,
         0_u32..5000,
+        prop::collection::vec((0..LABELS, 0_u8..=255), 0..3),
+        0_u32..4,
     );
     let edge = (any::<prop::sample::Index>(), any::<prop::sample::Index>(), 0..PREDICATES, 0_u8..=255);
     (prop::collection::vec(node, 0..n), prop::collection::vec(edge, 0..3 * n)).prop_map(|(nodes, edges)| {
         let mut g = SceneGraph::default();
         let count = nodes.len();
-        for (k, (label, c, e, score, sightings, seen)) in nodes.into_iter().enumerate() {
+        for (k, (label, c, e, score, sightings, seen, others, misses)) in nodes.into_iter().enumerate() {
             let bounds =
                 Box3::new(c.map(|v| v as f32 / 100.0), e.map(|v| f32::from(v) / 100.0)).expect("finite");
             g.insert_node(Node {
@@ -34,7 +36,9 @@ pub(crate) fn graph(n: usize) -> impl Strategy<Value = SceneGraph> {
                 label: LabelId(label),
                 score: f32::from(score) / 255.0,
                 bounds,
+                others: others.into_iter().map(|(l, s)| (LabelId(l), f32::from(s) / 255.0)).collect(),
                 sightings,
+                misses,
                 last_seen: f64::from(seen) / 10.0,
             });
         }
@@ -70,5 +74,14 @@ pub(crate) fn is_sound(g: &SceneGraph) -> bool {
             && g.node(e.t).is_some()
             && g.outgoing(e.s).any(|o| o == e)
             && g.incoming(e.t).any(|o| o == e)
+    })
+}
+
+/// Any set of cells on the grid of frames.
+pub(crate) fn looked() -> impl Strategy<Value = graph_align::Looked> {
+    let cell = prop::array::uniform3(-9_i32..9);
+    (prop::collection::vec(cell, 0..60), prop::array::uniform3(-500_i32..500)).prop_map(|(cells, origin)| {
+        let origin = origin.map(|c| (f64::from(c) / 100.0) as f32);
+        graph_align::Looked::new(0.5, origin, &cells).expect("small")
     })
 }

@@ -4,8 +4,8 @@ use super::say;
 use crate::files;
 use anyhow::{Context, Result};
 use graph_align::json::{GraphFile, pairs_line, row_major};
-use graph_align::paper::TransformReading;
-use graph_align::{Outcome, PaperParams, Params, Query, Vocabulary, align, update};
+use graph_align::{Outcome, Params, Query, RobustParams, Vocabulary, align, update};
+use nalgebra::Isometry3;
 use serde_json::{Value, json};
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -21,22 +21,13 @@ pub(crate) struct Args {
     /// Print JSON.
     #[arg(long)]
     json: bool,
-    /// The files share one frame already: no transform is estimated.
+    /// The files share one frame up to drift: only its surroundings are searched.
     #[arg(long)]
     shared_frame: bool,
-    /// Seed of the random anchors.
-    #[arg(long, default_value_t = 1)]
-    seed: u64,
 }
 
 impl Args {
     pub(crate) fn run(self) -> Result<ExitCode> {
-        let transform = if self.shared_frame { TransformReading::Shared } else { TransformReading::FitMap };
-        let params = Params {
-            paper: PaperParams { transform, ..PaperParams::default() },
-            seed: self.seed,
-            ..Params::default()
-        };
         let mut vocabulary = Vocabulary::default();
         let mut loaded = Vec::new();
         for path in &self.graphs {
@@ -47,10 +38,12 @@ impl Args {
             };
             loaded.push(read().with_context(|| format!("{}", path.display()))?);
         }
+        let params = Params { robust: RobustParams::for_vocabulary(&vocabulary), ..Params::default() };
         let mut graph = loaded[0].0.clone();
         let mut merges = Vec::new();
         for (path, (query, up, _)) in self.graphs.iter().zip(&loaded).skip(1) {
-            let ask = Query { gravity_aligned: *up && loaded[0].1, ..Query::new(query) };
+            let prior = self.shared_frame.then(Isometry3::identity);
+            let ask = Query { prior, gravity_aligned: *up && loaded[0].1, ..Query::new(query) };
             let outcome = align(&graph, &ask, &params);
             if let Outcome::Match(_) = &outcome {
                 graph = update(&graph, &ask, &outcome, &params);

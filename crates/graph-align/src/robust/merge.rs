@@ -1,0 +1,126 @@
+//! Merging a query into its reference with the evidence of both.
+
+use super::{Index, RobustParams};
+use crate::{Box3, Edge, LabelId, Match, Node, NodeId, SceneGraph, Verdict};
+use nalgebra::Isometry3;
+use std::collections::{BTreeMap, BTreeSet};
+
+/// Merges `query` into `graph` as `m` says, and keeps an index of the graph up to date.
+///
+/// Same and relabelled nodes gather classes and sightings; moved ones take the query's box and
+/// edges; nodes of `m.removed` count a miss and go when their sightings do not outweigh it.
+pub(crate) fn merge(
+    graph: &mut SceneGraph,
+    index: Option<&mut Index>,
+    query: &SceneGraph,
+    m: &Match,
+    params: &RobustParams,
+) {
+    let mut touched: BTreeSet<NodeId> = BTreeSet::new();
+    for &r in &m.removed {
+        let Some(node) = graph.node_mut(r) else { continue };
+        node.misses = node.misses.saturating_add(1);
+        if node.misses >= patience(node.sightings, params) {
+            graph.remove_node(r);
+            touched.insert(r);
+        }
+    }
+    let mut image = BTreeMap::new();
+    for q in query.nodes() {
+        let verdict = m.verdicts.get(&q.id).copied().unwrap_or(Verdict::New);
+        let seen = q.bounds.transformed(&m.reference_from_query);
+        let id = match verdict {
+            Verdict::Same(r) | Verdict::Relabelled(r) => {
+                let structure = params.structure.contains(&q.label);
+                graph
+                    .node_mut(r)
+                    .map(|node| observe(node, q, &seen, if structure { f32::MAX } else { params.slack }))
+            }
+            Verdict::Moved(r) => graph.node_mut(r).map(|node| {
+                observe(node, q, &seen, 0.0);
+                node.bounds = seen;
+                r
+            }),
+            Verdict::New => None,
+        };
+        if let (Some(r), Verdict::Moved(_)) = (id, verdict) {
+            graph.remove_edges(r);
+        }
+        let id = id.unwrap_or_else(|| add(graph, q, &m.reference_from_query));
+        image.insert(q.id, id);
+        touched.insert(id);
+    }
+    edges(graph, query, &image);
+    if let Some(index) = index {
+        for id in touched {
+            match graph.node(id) {
+                Some(node) => index.insert(node),
+                None => index.remove(id),
+            }
+        }
+    }
+}
+
+/// Visits in a row that must miss a node before it goes.
+fn patience(sightings: u32, params: &RobustParams) -> u32 {
+    if sightings > 1 { params.patience[1] } else { params.patience[0] }
+}
+
+/// One more view of a node.
+fn observe(node: &mut Node, q: &Node, seen: &Box3, slack: f32) -> NodeId {
+    fuse_classes(node, q);
+    node.bounds = combined(&node.bounds, seen, slack);
+    node.sightings = node.sightings.saturating_add(q.sightings);
+    node.misses = 0;
+    node.last_seen = node.last_seen.max(q.last_seen);
+    node.id
+}
+
+/// Class probabilities as means over sightings; the best three stay.
+fn fuse_classes(node: &mut Node, q: &Node) {
+    let (a, b) = (node.sightings.max(1) as f32, q.sightings.max(1) as f32);
+    let mut sums: BTreeMap<LabelId, f32> = BTreeMap::new();
+    node.classes().for_each(|(l, p)| *sums.entry(l).or_default() += p * a);
+    q.classes().for_each(|(l, p)| *sums.entry(l).or_default() += p * b);
+    let mut order: Vec<(LabelId, f32)> = sums.into_iter().map(|(l, p)| (l, (p / (a + b)).min(1.0))).collect();
+    order.sort_by(|x, y| y.1.total_cmp(&x.1).then(x.0.cmp(&y.0)));
+    order.truncate(1 + Node::MAX_OTHERS);
+    if let Some((&(label, score), rest)) = order.split_first() {
+        (node.label, node.score) = (label, score);
+        node.others = rest.to_vec();
+    }
+}
+
+/// The box of the last view, extended towards what was known before by at most `slack` a side.
+fn combined(known: &Box3, seen: &Box3, slack: f32) -> Box3 {
+    if slack == f32::MAX {
+        return known.union(seen);
+    }
+    let (lo, hi) = (seen.min(), seen.max());
+    let lo = lo.coords.zip_map(&known.min().coords, |s, k| k.clamp(s - slack, s));
+    let hi = hi.coords.zip_map(&known.max().coords, |s, k| k.clamp(s, s + slack));
+    Box3::new(((lo + hi) / 2.0).into(), (hi - lo).into()).unwrap_or(*seen)
+}
+
+fn add(graph: &mut SceneGraph, q: &Node, reference_from_query: &Isometry3<f32>) -> NodeId {
+    let id = graph.free_id(q.id);
+    graph.insert_node(Node { id, bounds: q.bounds.transformed(reference_from_query), ..q.clone() });
+    id
+}
+
+/// Relations between two nodes that were both seen again become the query's; others stay.
+fn edges(graph: &mut SceneGraph, query: &SceneGraph, image: &BTreeMap<NodeId, NodeId>) {
+    let mut seen: BTreeSet<(NodeId, NodeId)> = BTreeSet::new();
+    let ends = |e: &Edge| Some((*image.get(&e.s)?, *image.get(&e.t)?));
+    for (s, t) in query.edges().filter_map(|e| ends(&e)).filter(|(s, t)| s != t) {
+        if seen.insert((s, t)) {
+            graph.remove_edges_between(s, t);
+        }
+    }
+    for e in query.edges() {
+        if let Some((s, t)) = ends(&e) {
+            // Both ends are in the graph; two query nodes of one image make no edge.
+            let _ = graph.insert_edge(Edge { s, t, ..e });
+        }
+    }
+}
