@@ -4,6 +4,20 @@
 //! [`Robot::segment`] integrates frames, [`Robot::infer`] scores what changed, [`Robot::graph`] joins
 //! segments to instances and writes the scene graph. [`NodeSet`] is what lies between: one node per
 //! segment with its points and box, and the pairs of neighbours; the trainer stores the same thing.
+//!
+//! ```no_run
+//! use agent::{Robot, RobotParams};
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! let model = sgfn_infer::Model::from_safetensors(&std::fs::read("weights.safetensors")?)?;
+//! let mut robot = Robot::new(&model, RobotParams::default())?;
+//! for frame in scan3r::Recording::open("kitchen".as_ref(), None)?.into_frames() {
+//!     robot.segment(&frame?);
+//! }
+//! robot.infer()?;
+//! let (graph, _instances) = robot.graph(&mut graph_align::Vocabulary::default())?;
+//! # let _ = graph;
+//! # Ok(()) }
+//! ```
 
 mod fusion;
 mod instances;

@@ -5,6 +5,14 @@
 //! should be, [`correspond`] and [`rates`] measure a graph against it, [`report`] and [`render`]
 //! write the result. With the feature `systems` (default) the crate also runs the compared
 //! [`systems`]; without it, it is the scenario builder and the metrics alone.
+//!
+//! ```
+//! use bench_3rscan::{rates::Counts, scenario::shared_rooms};
+//! // 47 rooms, five agents, a fifth of the visits to rooms that two of them see.
+//! assert_eq!(shared_rooms(47, 5, 0.2), 5);
+//! let r = Counts { tp: 3, fp: 1, fn_: 3 }.rates();
+//! assert_eq!((r.r, r.p, r.f1), (Some(50.0), Some(75.0), Some(60.0)));
+//! ```
 
 pub mod correspond;
 mod error;
