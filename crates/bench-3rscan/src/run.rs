@@ -57,12 +57,15 @@ pub struct CellResult {
     pub files: Vec<(String, Vec<u8>)>,
 }
 
-/// Local graphs by (scan, pass, first frame, agent where frames differ): a visit that several
-/// scenarios or domains make is computed once.
+/// Local graphs of one seed: a visit that several scenarios or domains make is computed once.
+/// Layout and agents' frames depend on the seed, so another seed needs another cache.
 #[derive(Default)]
 pub struct Cache {
-    locals: BTreeMap<(String, u64, u32, usize), Local>,
+    locals: BTreeMap<VisitKey, Local>,
 }
+
+/// Scan, pass, first frame, frame after the last, agent where frames differ.
+type VisitKey = (String, u64, u32, u32, usize);
 
 /// Runs the cells of one scenario and domain. `visited` is called after each computed visit.
 ///
@@ -92,9 +95,9 @@ pub fn run_cell(
     )?;
     let placements = layout::place(data, rooms, p.gap, seed)?;
     let agent_frames = AgentFrames::new(p.frames, seed);
-    // Systems of one agent have one frame, and the oracle knows all of them: both work in the domain's.
+    // Systems of one agent have one frame, and the oracle knows all of them: both work in the domain's, without drift.
     let mut modes = vec![p.frames];
-    if unknown && p.systems.iter().any(|s| !s.needs_frames()) {
+    if p.frames != FramesMode::Shared && p.systems.iter().any(|s| !s.needs_frames()) {
         modes.push(FramesMode::Shared);
     }
     for &mode in &modes {
@@ -127,10 +130,10 @@ pub fn run_cell(
     cell.results(&locals, &aligned, &multi, seen.len())
 }
 
-fn key(v: &Visit, mode: FramesMode) -> (String, u64, u32, usize) {
+fn key(v: &Visit, mode: FramesMode) -> VisitKey {
     // In shared frames a visit is the same whoever makes it.
     let who = if mode == FramesMode::Shared { 0 } else { v.agent * 100_000 + v.seq as usize + 1 };
-    (v.scan.clone(), v.pass, v.frames.start, who)
+    (v.scan.clone(), v.pass, v.frames.start, v.frames.end, who)
 }
 
 /// Computes what the cache lacks. Each worker runs a visit on one thread, so that thread CPU time is

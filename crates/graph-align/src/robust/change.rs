@@ -12,7 +12,7 @@ const AT_REST: (f32, f32) = (0.12, 3.0);
 const GROWN: f32 = 0.1;
 /// Smallest share of the smaller of two boxes that both have: structure, and objects whose centres
 /// are farther apart than noise explains because different parts of them were seen.
-const SHARED: (f32, f32) = (0.4, 0.4);
+const SHARED: (f32, f32) = (0.4, 0.6);
 /// Log-size differences up to which two objects may be one that moved: height, footprint.
 const MOVED_SIZE: (f32, f32) = (0.3, 0.35);
 /// Farthest move that is looked for, metres.

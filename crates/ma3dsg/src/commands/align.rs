@@ -110,7 +110,7 @@ impl Args {
         let start = cpu_time::now();
         let outcome = align(&reference, &ask, &params);
         let ms = cpu_time::ms_since(start);
-        if self.json.is_some() {
+        if let Some(out) = &self.json {
             let case = Case {
                 id: "pair".to_owned(),
                 gravity_aligned: ask.gravity_aligned,
@@ -119,7 +119,11 @@ impl Args {
                 looked: None,
                 prior: None,
             };
-            say(serde_json::to_string_pretty(&case.answer(&outcome, ms))?);
+            let text = serde_json::to_string_pretty(&case.answer(&outcome, ms))?;
+            match out.as_os_str() == "-" {
+                true => say(text),
+                false => files::write(out, text.as_bytes())?,
+            }
             return Ok(ExitCode::SUCCESS);
         }
         match &outcome {

@@ -157,7 +157,7 @@ impl Args {
                 missing += 1;
                 continue;
             }
-            if world.as_ref().is_none_or(|w| w.0 != cell.seed && self.data.is_none()) {
+            if world.as_ref().is_none_or(|w| w.0 != cell.seed) {
                 world = Some((cell.seed, self.dataset(cell.seed)?, Cache::default()));
             }
             let Some((_, data, cache)) = &mut world else { bail!("no data set") };
