@@ -118,7 +118,12 @@ impl Component {
             Algorithm::Robust => Index::of(&graph, &params.robust),
             Algorithm::Paper | Algorithm::Append => Index::default(),
         };
-        Self { graph, frames: BTreeMap::from([(o.frame, Isometry3::identity())]), index }
+        let mut new = Self { graph, frames: BTreeMap::from([(o.frame, Isometry3::identity())]), index };
+        if params.algorithm == Algorithm::Robust {
+            let all = new.graph.nodes().map(|n| n.id).collect();
+            robust::merge::join_parts(&mut new.graph, &mut new.index, &all, &params.robust);
+        }
+        new
     }
 
     fn align(&self, query: &Query<'_>, params: &Params) -> Outcome {
@@ -138,7 +143,9 @@ impl Component {
                 robust::associate(&self.index, query, pose, &params.robust)
             }
         };
-        robust::merge::merge(&mut self.graph, Some(&mut self.index), query.graph, &m, &params.robust);
+        let (graph, index) = (&mut self.graph, &mut self.index);
+        let touched = robust::merge::merge(graph, Some(index), query.graph, &m, &params.robust);
+        robust::merge::join_parts(graph, index, &touched, &params.robust);
     }
 }
 

@@ -16,7 +16,8 @@ use crate::{
     Box3, Edge, Error, Key, LabelId, Looked, Node, NodeId, Observation, PredicateId, SceneGraph, Vocabulary,
 };
 
-const MAGIC: &[u8; 4] = b"MSG2";
+/// First bytes of every frame.
+pub const MAGIC: &[u8; 4] = b"MSG2";
 const EVIDENCE: u8 = 1;
 const LOOKED: u8 = 2;
 /// Most nodes of a frame.

@@ -34,3 +34,14 @@ pub(crate) fn cpu_name() -> String {
     line.and_then(|l| l.split_once(':'))
         .map_or_else(|| std::env::consts::ARCH.to_owned(), |(_, v)| v.trim().to_owned())
 }
+
+/// Sets parameters given as `name=value`.
+pub(crate) fn set_robust(params: &mut graph_align::RobustParams, list: &[String]) -> anyhow::Result<()> {
+    for item in list {
+        let known = item.split_once('=').and_then(|(name, value)| Some((name, value.parse().ok()?)));
+        if !known.is_some_and(|(name, value): (_, f32)| value.is_finite() && params.set(name, value)) {
+            anyhow::bail!("--robust {item:?}, want NAME=VALUE with a name of RobustParams");
+        }
+    }
+    Ok(())
+}

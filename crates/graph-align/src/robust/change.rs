@@ -132,7 +132,7 @@ fn structure(query: &Query<'_>, scene: &Scene<'_>, h: &Hypothesis, found: &mut F
 }
 
 /// Shared volume over that of the smaller box, both grown.
-fn shared(a: &Box3, b: &Box3, grown: f32) -> f32 {
+pub(super) fn shared(a: &Box3, b: &Box3, grown: f32) -> f32 {
     let (alo, ahi) = (a.min().coords.add_scalar(-grown), a.max().coords.add_scalar(grown));
     let (blo, bhi) = (b.min().coords.add_scalar(-grown), b.max().coords.add_scalar(grown));
     let both: f32 = (0..3).map(|k| (ahi[k].min(bhi[k]) - alo[k].max(blo[k])).max(0.0)).product();
@@ -146,11 +146,14 @@ fn looked_at(scene: &Scene<'_>, h: &Hypothesis, used: &BTreeSet<NodeId>) -> Vec<
     let back = h.pose.inverse();
     let (middle, radius) = looked.ball();
     let mut gone = Vec::new();
-    scene.index.near(&(h.pose * middle), radius, |_, r| {
+    let mut check = |_: u32, r: &Item| {
         if !used.contains(&r.id) && looked.contains(&(back * r.p)) {
             gone.push(*r);
         }
-    });
+    };
+    let middle = h.pose * middle;
+    scene.index.near(&middle, radius, &mut check);
+    scene.index.structure_within(&middle, radius, &mut check);
     gone.sort_by(Item::order);
     gone
 }
@@ -161,6 +164,7 @@ fn moved(scene: &Scene<'_>, h: &Hypothesis, gone: &[Item], found: &mut Found) {
     let mut pairs = Vec::new();
     for q in scene.query.iter().filter(|q| found.is_new(q.id)) {
         let p = h.pose * q.p;
+        // Structure is in no pair of equal labels: the query's objects are none.
         for r in gone.iter().filter(|r| r.label == q.label) {
             let (dh, df) = ((q.size.height - r.size.height).abs(), (q.size.foot - r.size.foot).abs());
             let alike = if scene.upright {

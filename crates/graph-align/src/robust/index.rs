@@ -219,6 +219,11 @@ impl Index {
         self.walk(&self.frame, &b.centroid(), b.extent().norm() / 2.0 + self.longest, f);
     }
 
+    /// Structure whose centroid is within a horizontal distance, in no particular order.
+    pub(super) fn structure_within(&self, p: &Point3<f32>, range: f32, f: impl FnMut(u32, &Item)) {
+        self.walk(&self.frame, p, range, f);
+    }
+
     /// Objects within a horizontal distance, in no particular order.
     pub(super) fn near(&self, p: &Point3<f32>, range: f32, f: impl FnMut(u32, &Item)) {
         self.walk(&self.cells, p, range, f);

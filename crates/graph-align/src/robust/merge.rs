@@ -1,11 +1,14 @@
 //! Merging a query into its reference with the evidence of both.
 
+use super::change::shared;
+use super::index::Item;
 use super::{Index, RobustParams};
 use crate::{Box3, Edge, LabelId, Match, Node, NodeId, SceneGraph, Verdict};
 use nalgebra::Isometry3;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Merges `query` into `graph` as `m` says, and keeps an index of the graph up to date.
+/// Merges `query` into `graph` as `m` says, and keeps an index of the graph up to date. Beside it the
+/// nodes that changed, came or went.
 ///
 /// Same and relabelled nodes gather classes and sightings; moved ones take the query's box and
 /// edges; nodes of `m.removed` count a miss and go when their sightings do not outweigh it.
@@ -15,7 +18,7 @@ pub(crate) fn merge(
     query: &SceneGraph,
     m: &Match,
     params: &RobustParams,
-) {
+) -> BTreeSet<NodeId> {
     let mut touched: BTreeSet<NodeId> = BTreeSet::new();
     for &r in &m.removed {
         let Some(node) = graph.node_mut(r) else { continue };
@@ -52,13 +55,86 @@ pub(crate) fn merge(
     }
     edges(graph, query, &image);
     if let Some(index) = index {
-        for id in touched {
+        for &id in &touched {
             match graph.node(id) {
                 Some(node) => index.insert(node),
                 None => index.remove(id),
             }
         }
     }
+    touched
+}
+
+/// Joins nodes that are parts of others of their class: of two, the one that was seen more often, then
+/// the larger one, then the older one stays.
+pub(crate) fn join_parts(
+    graph: &mut SceneGraph,
+    index: &mut Index,
+    touched: &BTreeSet<NodeId>,
+    params: &RobustParams,
+) {
+    for &id in touched {
+        while let Some((keep, gone)) = part_near(graph, index, id, params) {
+            let Some(part) = graph.node(gone).cloned() else { break };
+            let edges: Vec<Edge> = graph.outgoing(gone).chain(graph.incoming(gone)).collect();
+            graph.remove_node(gone);
+            index.remove(gone);
+            let swap = |n: NodeId| if n == gone { keep } else { n };
+            for e in edges {
+                // An edge between the two is no edge any more.
+                let _ = graph.insert_edge(Edge { s: swap(e.s), t: swap(e.t), ..e });
+            }
+            if let Some(node) = graph.node_mut(keep) {
+                node.bounds = node.bounds.union(&part.bounds);
+                node.last_seen = node.last_seen.max(part.last_seen);
+            }
+            if let Some(node) = graph.node(keep) {
+                index.insert(node);
+            }
+            if gone == id {
+                break;
+            }
+        }
+    }
+}
+
+/// (which stays, which goes) of the pair of a node and the neighbour that shares most with it.
+fn part_near(
+    graph: &SceneGraph,
+    index: &Index,
+    id: NodeId,
+    params: &RobustParams,
+) -> Option<(NodeId, NodeId)> {
+    let node = graph.node(id)?;
+    let own = Item::of(node);
+    let structure = params.structure.contains(&node.label);
+    let (least, grown) = if structure { (params.part[0], 0.1) } else { (params.part[1], 0.0) };
+    let mut best: Option<(f32, Item)> = None;
+    let mut check = |_: u32, r: &Item| {
+        let share = shared(&node.bounds, &r.bounds, grown);
+        if r.id != id && r.label == node.label && share > least {
+            let better =
+                best.as_ref().is_none_or(|b| share.total_cmp(&b.0).then_with(|| b.1.order(r)).is_gt());
+            if better {
+                best = Some((share, *r));
+            }
+        }
+    };
+    if structure {
+        index.structure_near(&node.bounds, &mut check);
+    } else {
+        index.near(&own.p, node.bounds.extent().norm() / 2.0 + 1.5, &mut check);
+    }
+    let other = best?.1;
+    let rank =
+        |n: &Node, i: &Item| (n.sightings, ordered(n.bounds.extent().product()), std::cmp::Reverse(i.id));
+    let theirs = graph.node(other.id)?;
+    Some(if rank(node, &own) >= rank(theirs, &other) { (id, other.id) } else { (other.id, id) })
+}
+
+/// A non-negative number as an integer of the same order.
+fn ordered(v: f32) -> u32 {
+    v.max(0.0).to_bits()
 }
 
 /// Visits in a row that must miss a node before it goes.

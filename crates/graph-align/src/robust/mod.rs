@@ -58,6 +58,9 @@ pub struct RobustParams {
     pub patience: [u32; 2],
     /// By how much the box of the last view may be extended by what was known before, metres a side.
     pub slack: f32,
+    /// A node of which the graph holds at least this share in the box of another node of its class,
+    /// structure and objects, is a part of that one; above 1 nothing is joined. Folds join, `update` does not.
+    pub part: [f32; 2],
     /// By how much a fitted pose must exceed a prior in evidence to replace it.
     pub prior_weight: f32,
     /// Table entries and node pairs that may be looked at.
@@ -76,6 +79,7 @@ impl Default for RobustParams {
             missing: 0.8,
             peaks: 16,
             prior_range: 1.5,
+            part: [0.6, 0.7],
             patience: [1, 1],
             slack: 0.25,
             prior_weight: 5.0,
@@ -85,6 +89,30 @@ impl Default for RobustParams {
 }
 
 impl RobustParams {
+    /// Sets a number by its name, `patience` and `part` by `name.0` and `name.1`; false for a name that
+    /// does not exist.
+    pub fn set(&mut self, name: &str, value: f32) -> bool {
+        match name {
+            "pair_range" => self.pair_range = value,
+            "accept" => self.accept = value,
+            "fewest" => self.fewest = value as usize,
+            "visible" => self.visible = value,
+            "margin" => self.margin = value,
+            "missing" => self.missing = value,
+            "peaks" => self.peaks = value as usize,
+            "prior_range" => self.prior_range = value,
+            "patience.0" => self.patience[0] = value as u32,
+            "patience.1" => self.patience[1] = value as u32,
+            "slack" => self.slack = value,
+            "part.0" => self.part[0] = value,
+            "part.1" => self.part[1] = value,
+            "prior_weight" => self.prior_weight = value,
+            "budget" => self.budget = value as u64,
+            _ => return false,
+        }
+        true
+    }
+
     /// The defaults, with `wall`, `floor` and `ceiling` of a vocabulary as structure.
     #[must_use]
     pub fn for_vocabulary(vocabulary: &Vocabulary) -> Self {

@@ -10,6 +10,7 @@ mod merge;
 mod samples;
 mod scan;
 mod synth;
+mod wire;
 
 use anyhow::Result;
 use std::process::ExitCode;
@@ -30,6 +31,12 @@ pub(crate) enum Command {
     Synth(synth::Args),
     /// Align a query graph with a reference graph, or a folder of cases.
     Align(align::Args),
+    /// Write a graph as a frame.
+    Encode(wire::EncodeArgs),
+    /// Read a frame into a graph file.
+    Decode(wire::DecodeArgs),
+    /// Fold frames of any number of agents.
+    Fold(wire::FoldArgs),
     /// Recompute stored vectors of the network and compare every tensor.
     Infer(infer::Args),
     /// The network on true instances of generated rooms, beside a tree on box sizes.
@@ -48,6 +55,9 @@ impl Command {
             Self::Export(a) => a.run(),
             Self::Synth(a) => a.run(),
             Self::Align(a) => a.run(),
+            Self::Encode(a) => a.run(),
+            Self::Decode(a) => a.run(),
+            Self::Fold(a) => a.run(),
             Self::Infer(a) => a.run(),
             Self::EvalInstances(a) => a.run(),
             Self::Samples(a) => a.run(),

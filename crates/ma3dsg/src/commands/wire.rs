@@ -1,0 +1,195 @@
+//! `ma3dsg encode`, `decode` and `fold`: graphs as the frames in which they travel.
+
+use super::say;
+use crate::files;
+use anyhow::{Context, Result, bail};
+use graph_align::json::GraphFile;
+use graph_align::{Key, Observation, Params, Replica, RobustParams, Vocabulary, wire};
+use scan3r::LabelSet;
+use serde_json::json;
+use sha2::{Digest, Sha256};
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+/// Longest frame that is read, bytes.
+const MAX_FRAME: usize = 64 << 20;
+
+#[derive(clap::Args)]
+pub(crate) struct EncodeArgs {
+    /// Graph file (ma3dsg-graph/1) of the l20 or l160 label set.
+    graph: PathBuf,
+    /// The frame.
+    #[arg(short, long, value_name = "FRAME")]
+    out: PathBuf,
+    /// Who saw it.
+    #[arg(long, default_value_t = 0)]
+    agent: u16,
+    /// Number of the observation.
+    #[arg(long, default_value_t = 0)]
+    seq: u32,
+    /// Start of the visit, tenths of a second; its end is the latest `last_seen`.
+    #[arg(long, default_value_t = 0)]
+    start: u32,
+    /// Coordinate frame; graphs of one number need no search to be laid together.
+    #[arg(long, default_value_t = 0)]
+    frame: u32,
+}
+
+#[derive(clap::Args)]
+pub(crate) struct DecodeArgs {
+    /// The frame.
+    frame: PathBuf,
+    /// Graph file.
+    #[arg(short, long, value_name = "GRAPH")]
+    out: PathBuf,
+}
+
+#[derive(clap::Args)]
+pub(crate) struct FoldArgs {
+    /// Frames, or files of frames each behind its length (u32, little-endian) as `bench` writes them.
+    #[arg(required = true)]
+    frames: Vec<PathBuf>,
+    /// Leave out what this agent saw.
+    #[arg(long, value_name = "AGENT")]
+    without: Option<u16>,
+    /// A parameter of the robust algorithm, for example slack=0.2; may be repeated.
+    #[arg(long, value_name = "NAME=VALUE")]
+    robust: Vec<String>,
+    /// Print JSON, with the graph of the largest component.
+    #[arg(long)]
+    json: bool,
+    /// Graph file of the largest component.
+    #[arg(short, long, value_name = "GRAPH")]
+    out: Option<PathBuf>,
+}
+
+/// The label sets whose vocabularies frames are written in.
+fn vocabularies() -> Result<Vec<Vocabulary>> {
+    let of = |s: LabelSet| Vocabulary::new(s.classes().iter().copied(), s.predicates().iter().copied());
+    Ok(vec![of(LabelSet::L20)?, of(LabelSet::L160)?])
+}
+
+impl EncodeArgs {
+    pub(crate) fn run(self) -> Result<ExitCode> {
+        let file = GraphFile::parse(&files::read_text(&self.graph)?)
+            .with_context(|| format!("{}", self.graph.display()))?;
+        for known in vocabularies()? {
+            let mut vocabulary = known.clone();
+            let graph =
+                file.to_graph(&mut vocabulary).with_context(|| format!("{}", self.graph.display()))?;
+            if vocabulary != known {
+                continue;
+            }
+            let end = graph.nodes().map(|n| n.last_seen).fold(f64::from(self.start) / 10.0, f64::max);
+            let o = Observation {
+                key: Key { start_ds: self.start, agent: self.agent, epoch: 0, seq: self.seq },
+                end_ds: (end * 10.0).round() as u32,
+                frame: self.frame,
+                graph,
+                looked: None,
+            };
+            let bytes = wire::encode(&o, &known)?;
+            say(format!("{} nodes, {} edges, {} bytes", o.graph.len(), o.graph.edges().len(), bytes.len()));
+            files::write(&self.out, &bytes)?;
+            return Ok(ExitCode::SUCCESS);
+        }
+        bail!("{}: has names that are neither in l20 nor in l160", self.graph.display());
+    }
+}
+
+/// A frame and the vocabulary that it was written with.
+fn decode(bytes: &[u8], path: &Path) -> Result<(Observation, Vocabulary)> {
+    let mut first = None;
+    for v in vocabularies()? {
+        match wire::decode(bytes, &v) {
+            Ok(o) => return Ok((o, v)),
+            Err(e) => first = first.or(Some(e)),
+        }
+    }
+    match first {
+        Some(e) => Err(e).with_context(|| format!("{}", path.display())),
+        None => bail!("no vocabulary"),
+    }
+}
+
+impl DecodeArgs {
+    pub(crate) fn run(self) -> Result<ExitCode> {
+        let (o, vocabulary) = decode(&files::read(&self.frame)?, &self.frame)?;
+        let mut file = GraphFile::of_graph(&o.graph, &vocabulary);
+        file.provenance = json!({
+            "agent": o.key.agent, "epoch": o.key.epoch, "seq": o.key.seq,
+            "start_s": f64::from(o.key.start_ds) / 10.0, "end_s": f64::from(o.end_ds) / 10.0, "frame": o.frame,
+        });
+        files::write(&self.out, &serde_json::to_vec_pretty(&file)?)?;
+        say(format!("{} nodes, {} edges", o.graph.len(), o.graph.edges().len()));
+        Ok(ExitCode::SUCCESS)
+    }
+}
+
+impl FoldArgs {
+    pub(crate) fn run(self) -> Result<ExitCode> {
+        let mut replica = Replica::default();
+        let mut vocabulary = None;
+        for path in &self.frames {
+            let bytes = files::read(path)?;
+            for frame in split(&bytes).with_context(|| format!("{}", path.display()))? {
+                let (o, v) = decode(frame, path)?;
+                if vocabulary.get_or_insert_with(|| v.clone()) != &v {
+                    bail!("{}: another label set than the frames before it", path.display());
+                }
+                if Some(o.key.agent) != self.without {
+                    replica.apply(o).with_context(|| format!("{}", path.display()))?;
+                }
+            }
+        }
+        let vocabulary = vocabulary.unwrap_or_default();
+        let mut state = Sha256::new();
+        for o in replica.observations() {
+            state.update(wire::encode(o, &vocabulary)?);
+        }
+        let state = bench_3rscan::run::hex(&state.finalize());
+        let mut params = Params { robust: RobustParams::for_vocabulary(&vocabulary), ..Params::default() };
+        crate::pipeline::set_robust(&mut params.robust, &self.robust)?;
+        let folded = replica.fold(&params);
+        let mut file = GraphFile::of_graph(&folded.main_graph(), &vocabulary);
+        file.provenance = json!({"observations": replica.observations().len(), "state_hash": state});
+        if self.json {
+            let v = json!({
+                "state_hash": state, "observations": replica.observations().len(),
+                "components": folded.components.len(), "graph": file,
+            });
+            say(serde_json::to_string_pretty(&v)?);
+        } else {
+            say(format!(
+                "state {state}\n{} observations, {} components, {} nodes, {} edges in the largest",
+                replica.observations().len(),
+                folded.components.len(),
+                file.nodes.len(),
+                file.edges.len()
+            ));
+        }
+        if let Some(out) = &self.out {
+            files::write(out, &serde_json::to_vec_pretty(&file)?)?;
+        }
+        Ok(ExitCode::SUCCESS)
+    }
+}
+
+/// One frame, or many behind their lengths.
+fn split(bytes: &[u8]) -> Result<Vec<&[u8]>> {
+    if bytes.starts_with(wire::MAGIC) {
+        return Ok(vec![bytes]);
+    }
+    let mut out = Vec::new();
+    let mut rest = bytes;
+    while !rest.is_empty() {
+        let Some((length, tail)) = rest.split_first_chunk::<4>() else { bail!("the last length ends early") };
+        let n = u32::from_le_bytes(*length) as usize;
+        if n > MAX_FRAME || n > tail.len() {
+            bail!("a frame of {n} bytes where {} are left", tail.len());
+        }
+        out.push(&tail[..n]);
+        rest = &tail[n..];
+    }
+    Ok(out)
+}
