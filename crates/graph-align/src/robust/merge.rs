@@ -7,6 +7,9 @@ use crate::{Box3, Edge, LabelId, Match, Node, NodeId, SceneGraph, Verdict};
 use nalgebra::Isometry3;
 use std::collections::{BTreeMap, BTreeSet};
 
+/// Probability from which another class is a possible one.
+const RIVAL: f32 = 0.12;
+
 /// Merges `query` into `graph` as `m` says, and keeps an index of the graph up to date. Beside it the
 /// nodes that changed, came or went.
 ///
@@ -23,7 +26,7 @@ pub(crate) fn merge(
     for &r in &m.removed {
         let Some(node) = graph.node_mut(r) else { continue };
         node.misses = node.misses.saturating_add(1);
-        if node.misses >= patience(node.sightings, params) {
+        if node.misses >= patience(node, params) {
             graph.remove_node(r);
             touched.insert(r);
         }
@@ -85,6 +88,9 @@ pub(crate) fn join_parts(
                 let _ = graph.insert_edge(Edge { s: swap(e.s), t: swap(e.t), ..e });
             }
             if let Some(node) = graph.node_mut(keep) {
+                if node.label != part.label {
+                    fuse_classes(node, &part);
+                }
                 node.bounds = node.bounds.union(&part.bounds);
                 node.last_seen = node.last_seen.max(part.last_seen);
             }
@@ -108,11 +114,20 @@ fn part_near(
     let node = graph.node(id)?;
     let own = Item::of(node);
     let structure = params.structure.contains(&node.label);
-    let (least, grown) = if structure { (params.part[0], 0.1) } else { (params.part[1], 0.0) };
+    let grown = if structure { 0.1 } else { 0.0 };
     let mut best: Option<(f32, Item)> = None;
     let mut check = |_: u32, r: &Item| {
         let share = shared(&node.bounds, &r.bounds, grown);
-        if r.id != id && r.label == node.label && share > least {
+        let least = match (structure, r.label == node.label) {
+            (true, true) => params.part[0],
+            (false, true) => params.part[1],
+            (true, false) => f32::MAX,
+            (false, false) => params.part[2],
+        };
+        if r.id != id
+            && share > least
+            && (r.label == node.label || graph.node(r.id).is_some_and(|o| rivals(node, o)))
+        {
             let better =
                 best.as_ref().is_none_or(|b| share.total_cmp(&b.0).then_with(|| b.1.order(r)).is_gt());
             if better {
@@ -132,14 +147,20 @@ fn part_near(
     Some(if rank(node, &own) >= rank(theirs, &other) { (id, other.id) } else { (other.id, id) })
 }
 
+/// Whether each of two nodes takes the other's class to be possible.
+fn rivals(a: &Node, b: &Node) -> bool {
+    let thinks = |x: &Node, y: &Node| x.others.iter().any(|o| o.0 == y.label && o.1 >= RIVAL);
+    thinks(a, b) || thinks(b, a)
+}
+
 /// A non-negative number as an integer of the same order.
 fn ordered(v: f32) -> u32 {
     v.max(0.0).to_bits()
 }
 
 /// Visits in a row that must miss a node before it goes.
-fn patience(sightings: u32, params: &RobustParams) -> u32 {
-    if sightings > 1 { params.patience[1] } else { params.patience[0] }
+fn patience(node: &Node, params: &RobustParams) -> u32 {
+    if node.sightings > 1 || node.score >= params.sure { params.patience[1] } else { params.patience[0] }
 }
 
 /// One more view of a node.

@@ -56,11 +56,14 @@ pub struct RobustParams {
     /// Visits in a row that look at a node's place and do not see it before it is removed: of a node
     /// that was seen once, and of one that was seen more often.
     pub patience: [u32; 2],
+    /// A score from which one sighting counts as several.
+    pub sure: f32,
     /// By how much the box of the last view may be extended by what was known before, metres a side.
     pub slack: f32,
-    /// A node of which the graph holds at least this share in the box of another node of its class,
-    /// structure and objects, is a part of that one; above 1 nothing is joined. Folds join, `update` does not.
-    pub part: [f32; 2],
+    /// A node with at least this share of its box in that of another node of its class is a part of
+    /// that one: of structure, of objects, and of objects whose classes differ but are each other's
+    /// rivals. Above 1 nothing is joined. Folds join, `update` does not.
+    pub part: [f32; 3],
     /// By how much a fitted pose must exceed a prior in evidence to replace it.
     pub prior_weight: f32,
     /// Table entries and node pairs that may be looked at.
@@ -79,9 +82,10 @@ impl Default for RobustParams {
             missing: 0.8,
             peaks: 16,
             prior_range: 1.5,
-            part: [0.6, 0.7],
-            patience: [1, 1],
-            slack: 0.25,
+            part: [0.75, 0.6, 0.7],
+            sure: 0.8,
+            patience: [1, 2],
+            slack: 0.35,
             prior_weight: 5.0,
             budget: 400_000,
         }
@@ -106,6 +110,8 @@ impl RobustParams {
             "slack" => self.slack = value,
             "part.0" => self.part[0] = value,
             "part.1" => self.part[1] = value,
+            "part.2" => self.part[2] = value,
+            "sure" => self.sure = value,
             "prior_weight" => self.prior_weight = value,
             "budget" => self.budget = value as u64,
             _ => return false,
