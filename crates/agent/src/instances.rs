@@ -16,6 +16,9 @@ pub struct GraphParams {
     pub min_same_part: f32,
     /// Every predicate above `min_predicate` counts, not the best alone (l160).
     pub multi: bool,
+    /// Objects outside the label set (class [`NONE`]) and those below `min_class` are kept: landmarks
+    /// for alignment. Relations of [`NONE`] are not.
+    pub unnamed: bool,
     /// Id of the first node; the others follow.
     pub first_id: u64,
     /// When the graph was made, seconds.
@@ -24,7 +27,15 @@ pub struct GraphParams {
 
 impl Default for GraphParams {
     fn default() -> Self {
-        Self { min_class: 0.0, min_predicate: 0.0, min_same_part: 0.5, multi: false, first_id: 0, time: 0.0 }
+        Self {
+            min_class: 0.0,
+            min_predicate: 0.0,
+            min_same_part: 0.5,
+            multi: false,
+            unnamed: false,
+            first_id: 0,
+            time: 0.0,
+        }
     }
 }
 
@@ -56,8 +67,8 @@ pub fn build_graph(
     for members in members(&groups).values() {
         let mean = class_mean(set, scores, members);
         let (class, score) = argmax(&mean);
-        let Some(name) = class_names.get(class).filter(|n| *n != NONE) else { continue };
-        if score < p.min_class {
+        let Some(name) = class_names.get(class).filter(|n| p.unnamed || *n != NONE) else { continue };
+        if score < p.min_class && !p.unnamed {
             continue;
         }
         let id = NodeId(p.first_id + graph.len() as u64);
@@ -69,7 +80,7 @@ pub fn build_graph(
             label: vocabulary.label(name)?,
             score,
             bounds,
-            others: others(&mean, class, class_names, vocabulary)?,
+            others: others(&mean, class, class_names, vocabulary, p.unnamed)?,
             sightings: 1,
             misses: 0,
             last_seen: p.time,
@@ -79,15 +90,16 @@ pub fn build_graph(
     Ok((graph, node_of))
 }
 
-/// The classes after the best one, falling; [`NONE`] is no class.
+/// The classes after the best one, falling; [`NONE`] is no class unless the unnamed are kept.
 fn others(
     mean: &[f32],
     best: usize,
     names: &[String],
     vocabulary: &mut Vocabulary,
+    unnamed: bool,
 ) -> Result<Vec<(LabelId, f32)>, Error> {
     let mut order: Vec<usize> =
-        (0..mean.len().min(names.len())).filter(|&k| k != best && names[k] != NONE).collect();
+        (0..mean.len().min(names.len())).filter(|&k| k != best && (unnamed || names[k] != NONE)).collect();
     order.sort_by(|&a, &b| mean[b].total_cmp(&mean[a]).then(a.cmp(&b)));
     order.truncate(Node::MAX_OTHERS);
     order.iter().map(|&k| Ok((vocabulary.label(&names[k])?, mean[k]))).collect()
@@ -140,7 +152,9 @@ fn add_edges(
     let mut sums: BTreeMap<(NodeId, NodeId), (Vec<f32>, f32)> = BTreeMap::new();
     for (&[i, j], s) in set.edges.iter().zip(&scores.predicates) {
         let (Some(a), Some(b)) = (node_of[i], node_of[j]) else { continue };
-        if a == b {
+        let none = vocabulary.find_label(NONE);
+        let unnamed = |id| none.is_some() && graph.node(id).map(|n| n.label) == none;
+        if a == b || unnamed(a) || unnamed(b) {
             continue;
         }
         let (sum, n) = sums.entry((a, b)).or_insert_with(|| (vec![0.0; s.len()], 0.0));

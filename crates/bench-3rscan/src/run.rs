@@ -121,6 +121,7 @@ pub fn run_cell(
         frames: agent_frames,
         mode: p.frames,
         vocabulary: p.local.vocabulary,
+        min_class: p.local.robot.graph.min_class,
         rooms: data.rooms(),
         middles: &middles,
         seed,

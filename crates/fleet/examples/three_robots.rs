@@ -15,7 +15,7 @@ fn visit(agent: u16, seq: u32, start_ds: u32, vocabulary: &mut Vocabulary) -> Re
     graph.insert_node(Node::new(NodeId(1), table, Box3::new([x, 1.0, 0.36], [1.2, 0.8, 0.72])?));
     let key = Key { start_ds, agent, epoch: 0, seq };
     // Frame 0 for all: the robots share one frame, so nothing has to be searched for.
-    Ok(Observation { key, end_ds: start_ds + 100, frame: 0, graph })
+    Ok(Observation { key, end_ds: start_ds + 100, frame: 0, graph, looked: None })
 }
 
 fn main() -> Result<(), Error> {

@@ -178,6 +178,21 @@ impl SceneGraph {
         after.unwrap_or_else(|| (0..).map(NodeId).find(|id| !self.nodes.contains_key(id)).unwrap_or(wanted))
     }
 
+    /// The graph without nodes of the class `unnamed` and those below the probability `least` (up to
+    /// the quantum of frames), and without their edges.
+    #[must_use]
+    pub fn named(&self, unnamed: Option<LabelId>, least: f32) -> Self {
+        let mut out = Self::default();
+        for n in self.nodes().filter(|n| Some(n.label) != unnamed && n.score + 0.5 / 255.0 >= least) {
+            out.insert_node(n.clone());
+        }
+        for e in self.edges() {
+            // Edges to what was left out go with it.
+            let _ = out.insert_edge(e);
+        }
+        out
+    }
+
     /// The graph as it travels: lengths rounded to 1 cm, scores to 1/255, times to 0.1 s.
     #[must_use]
     pub fn quantised(&self) -> Self {

@@ -22,8 +22,12 @@ pub(crate) fn robot(quality: Quality) -> RobotParams {
         Quality::Bench => RobotParams::default().infer_every,
         Quality::UpAtEnd => 0,
     };
-    let graph =
-        GraphParams { min_class: 0.5, min_same_part: 0.65, min_predicate: 0.4, ..GraphParams::default() };
+    let graph = GraphParams {
+        min_class: MIN_CLASS,
+        min_same_part: 0.65,
+        min_predicate: 0.4,
+        ..GraphParams::default()
+    };
     RobotParams { infer_every, graph, ..RobotParams::default() }
 }
 
@@ -44,4 +48,14 @@ pub(crate) fn set_robust(params: &mut graph_align::RobustParams, list: &[String]
         }
     }
     Ok(())
+}
+
+/// Probability of its class that a node of a graph has; chosen on validation rooms.
+pub(crate) const MIN_CLASS: f32 = 0.5;
+
+/// The names that frames of a label set may use: its classes, "none" for what has no name, and its
+/// predicates.
+pub(crate) fn vocabulary(labels: scan3r::LabelSet) -> anyhow::Result<graph_align::Vocabulary> {
+    let classes = labels.classes().iter().copied().chain([agent::NONE]);
+    Ok(graph_align::Vocabulary::new(classes, labels.predicates().iter().copied())?)
 }

@@ -19,6 +19,8 @@ use std::collections::BTreeMap;
 pub enum Variant {
     /// The network.
     Network,
+    /// The network, with what it has no name for: landmarks for alignment.
+    Full,
     /// Plane and height rules.
     Rules,
     /// The commonest answer.
@@ -126,7 +128,7 @@ pub fn run_visit(
     robot.infer().map_err(pipeline)?;
     let set = robot.nodes().map_err(pipeline)?;
     let scores = robot.scores(&set);
-    let (network, node_of) = graph_of(&set, &scores, p)?;
+    let (network, node_of) = graph_of(&set, &scores, p, false)?;
     cpu_s += (p.clocks.cpu)() - start;
     let scan_from_frame = frame_from_scan.inverse();
     let teacher = Teacher::new(data, &visit.scan, surface, p.labels)?;
@@ -136,9 +138,10 @@ pub fn run_visit(
     for &v in p.variants.iter().filter(|v| **v != Variant::Network) {
         let graph = match v {
             Variant::Network => continue,
-            Variant::Rules => graph_of(&set, &rule_scores(&set, p.labels), p)?.0,
-            Variant::Majority => graph_of(&set, &majority_scores(&set, p.labels), p)?.0,
-            Variant::OracleLabels => graph_of(&set, &taught_scores(&taught, p.labels), p)?.0,
+            Variant::Full => graph_of(&set, &scores, p, true)?.0,
+            Variant::Rules => graph_of(&set, &rule_scores(&set, p.labels), p, false)?.0,
+            Variant::Majority => graph_of(&set, &majority_scores(&set, p.labels), p, false)?.0,
+            Variant::OracleLabels => graph_of(&set, &taught_scores(&taught, p.labels), p, false)?.0,
             Variant::OracleSegments => true_segments(&robot, &teacher, &frame_from_scan, p)?,
         };
         graphs.insert(v, graph.quantised());
@@ -153,10 +156,12 @@ fn graph_of(
     set: &NodeSet,
     scores: &Scores,
     p: &LocalParams<'_>,
+    unnamed: bool,
 ) -> Result<(SceneGraph, Vec<Option<NodeId>>), Error> {
     let (classes, predicates) = crate::samples::output_names(p.labels);
     let g = GraphParams {
         multi: p.model.config().edge_scores == EdgeScores::Multi,
+        unnamed,
         first_id: 0,
         time: 0.0,
         ..p.robot.graph.clone()
@@ -211,7 +216,7 @@ fn true_segments(
         classes: (0..c.rows()).map(|k| c.row(k).to_vec()).collect(),
         predicates: (0..q.rows()).map(|k| q.row(k).to_vec()).collect(),
     };
-    Ok(graph_of(&set, &scores, p)?.0)
+    Ok(graph_of(&set, &scores, p, false)?.0)
 }
 
 /// The instance of a node is that of its largest segment.

@@ -94,6 +94,7 @@ impl System {
     #[must_use]
     pub fn variant(self) -> Variant {
         match self {
+            Self::Ma3dsg => Variant::Full,
             Self::Rules => Variant::Rules,
             Self::Majority => Variant::Majority,
             Self::OracleLabels => Variant::OracleLabels,

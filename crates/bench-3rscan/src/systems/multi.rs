@@ -1,6 +1,6 @@
 //! Several agents: observations travel, every replica folds the same set.
 
-use super::{AgentFrames, Clocks, Exchange, Local, Made, System, oracle};
+use super::{AgentFrames, Clocks, Exchange, Local, Made, System, Variant, oracle};
 use crate::Error;
 use crate::scenario::{FramesMode, Plan, Visit};
 use fleet::{LinkParams, Network};
@@ -22,6 +22,8 @@ pub struct MultiParams<'a> {
     pub mode: FramesMode,
     /// Names; fixed.
     pub vocabulary: &'a Vocabulary,
+    /// Class probability below which a merged node is not part of the graph.
+    pub min_class: f32,
     /// Changes between scans, for the oracle.
     pub rooms: &'a [RoomEntry],
     /// Middles of the rooms in the domain frame.
@@ -65,7 +67,7 @@ pub fn multi_agent(
     made.frames_max_agent = frames.iter().copied().max().unwrap_or(0);
 
     let wall = (p.clocks.wall)();
-    let (net, codec_s) = exchange(plan, locals, p)?;
+    let (net, codec_s) = exchange(plan, locals, system.variant(), p)?;
     work.iter_mut().zip(&codec_s).for_each(|(w, c)| *w += c);
     let (graph, mut exchange) = if system == System::Oracle {
         let start = (p.clocks.cpu)();
@@ -96,7 +98,12 @@ pub fn multi_agent(
 
 /// Publishes every visit's graph at its end; agents sync at the end of their visits, and once more
 /// when all is over. Beside it the CPU seconds of each agent's codec.
-fn exchange(plan: &Plan, locals: &[&Local], p: &MultiParams<'_>) -> Result<(Network, Vec<f64>), Error> {
+fn exchange(
+    plan: &Plan,
+    locals: &[&Local],
+    variant: Variant,
+    p: &MultiParams<'_>,
+) -> Result<(Network, Vec<f64>), Error> {
     let seed = rand_chacha::rand_core::Rng::next_u64(&mut crate::seeds::stream(p.seed, "network", &[]));
     let mut net = Network::new(plan.agents, p.vocabulary.clone(), p.link, seed);
     let mut by_end: Vec<usize> = (0..plan.visits.len()).collect();
@@ -107,7 +114,7 @@ fn exchange(plan: &Plan, locals: &[&Local], p: &MultiParams<'_>) -> Result<(Netw
         let v = &plan.visits[k];
         let now = ds(v.end());
         let start = (p.clocks.cpu)();
-        net.publish(now, observation(v, locals[k], &p.frames))?;
+        net.publish(now, observation(v, locals[k], variant, &p.frames))?;
         net.sync(now, v.agent)?;
         codec_s[v.agent] += (p.clocks.cpu)() - start;
         last = last.max(now);
@@ -121,10 +128,10 @@ fn ds(seconds: f64) -> u32 {
 }
 
 /// The observation of a visit. Node ids hold agent, visit and node, so they are unique in the fleet.
-fn observation(v: &Visit, local: &Local, frames: &AgentFrames) -> Observation {
+fn observation(v: &Visit, local: &Local, variant: Variant, frames: &AgentFrames) -> Observation {
     let base = (v.agent as u64) << 48 | u64::from(v.seq) << 24;
     let id = |n: NodeId| NodeId(base + n.0);
-    let local_graph = &local.graphs[&super::Variant::Network];
+    let local_graph = &local.graphs[&variant];
     let mut graph = SceneGraph::default();
     for n in local_graph.nodes() {
         graph.insert_node(Node { id: id(n.id), last_seen: v.end(), ..n.clone() });
@@ -211,7 +218,7 @@ fn in_domain(plan: &Plan, folded: &Folded, p: &MultiParams<'_>) -> SceneGraph {
         let away = Isometry3::translation(0.0, 0.0, -1000.0);
         graph = graph_align::append(&graph, &c.graph, &away);
     }
-    graph
+    graph.named(p.vocabulary.find_label(agent::NONE), p.min_class)
 }
 
 /// Pairs of agents with a common room: found (in one component, within 5 degrees and 0.5 m of the

@@ -13,7 +13,7 @@ use bench_3rscan::run::{Cache, RunParams, run_cell};
 use bench_3rscan::scenario::{FramesMode, Replay, Scenario};
 use bench_3rscan::systems::{Clocks, LocalParams, System, Variant};
 use fleet::LinkParams;
-use graph_align::{PaperParams, Params, Vocabulary};
+use graph_align::{PaperParams, Params};
 use room_synth::{Split, World, WorldParams};
 use scan3r::{Dataset, Folder, LabelSet};
 use serde_json::{Value, json};
@@ -281,8 +281,7 @@ impl Args {
         if !(0.0..=1.0).contains(&self.loss) || !(0.0..=86_400.0).contains(&self.delay) {
             bail!("--loss {} --delay {}, want 0 to 1 and 0 to 86,400 s", self.loss, self.delay);
         }
-        let vocabulary =
-            Vocabulary::new(labels.classes().iter().copied(), labels.predicates().iter().copied())?;
+        let vocabulary = pipeline::vocabulary(labels)?;
         let systems = self.systems()?;
         let mut variants: Vec<Variant> = systems.iter().map(|s| s.variant()).collect();
         variants.sort_unstable();

@@ -1,7 +1,7 @@
 //! `ma3dsg encode`, `decode` and `fold`: graphs as the frames in which they travel.
 
 use super::say;
-use crate::files;
+use crate::{files, pipeline};
 use anyhow::{Context, Result, bail};
 use graph_align::json::GraphFile;
 use graph_align::{Key, Observation, Params, Replica, RobustParams, Vocabulary, wire};
@@ -52,6 +52,9 @@ pub(crate) struct FoldArgs {
     /// Leave out what this agent saw.
     #[arg(long, value_name = "AGENT")]
     without: Option<u16>,
+    /// Nodes below this probability of their class, and those without one, are left out.
+    #[arg(long, default_value_t = pipeline::MIN_CLASS)]
+    min_class: f32,
     /// A parameter of the robust algorithm, for example slack=0.2; may be repeated.
     #[arg(long, value_name = "NAME=VALUE")]
     robust: Vec<String>,
@@ -65,8 +68,7 @@ pub(crate) struct FoldArgs {
 
 /// The label sets whose vocabularies frames are written in.
 fn vocabularies() -> Result<Vec<Vocabulary>> {
-    let of = |s: LabelSet| Vocabulary::new(s.classes().iter().copied(), s.predicates().iter().copied());
-    Ok(vec![of(LabelSet::L20)?, of(LabelSet::L160)?])
+    Ok(vec![pipeline::vocabulary(LabelSet::L20)?, pipeline::vocabulary(LabelSet::L160)?])
 }
 
 impl EncodeArgs {
@@ -74,6 +76,7 @@ impl EncodeArgs {
         let file = GraphFile::parse(&files::read_text(&self.graph)?)
             .with_context(|| format!("{}", self.graph.display()))?;
         for known in vocabularies()? {
+            // Names that are not in it would be added.
             let mut vocabulary = known.clone();
             let graph =
                 file.to_graph(&mut vocabulary).with_context(|| format!("{}", self.graph.display()))?;
@@ -149,9 +152,10 @@ impl FoldArgs {
         }
         let state = bench_3rscan::run::hex(&state.finalize());
         let mut params = Params { robust: RobustParams::for_vocabulary(&vocabulary), ..Params::default() };
-        crate::pipeline::set_robust(&mut params.robust, &self.robust)?;
+        pipeline::set_robust(&mut params.robust, &self.robust)?;
         let folded = replica.fold(&params);
-        let mut file = GraphFile::of_graph(&folded.main_graph(), &vocabulary);
+        let named = folded.main_graph().named(vocabulary.find_label(agent::NONE), self.min_class);
+        let mut file = GraphFile::of_graph(&named, &vocabulary);
         file.provenance = json!({"observations": replica.observations().len(), "state_hash": state});
         if self.json {
             let v = json!({
