@@ -6,13 +6,14 @@ mod common;
 
 use common::{graph, is_sound, looked, renamed, vocabulary};
 use graph_align::{
-    Box3, Edge, Key, LabelId, Node, NodeId, Observation, Outcome, PaperParams, Params, PredicateId, Query,
-    Replica, SceneGraph, Verdict, Why, align, update, wire,
+    Algorithm, Box3, Edge, Key, LabelId, Node, NodeId, Observation, Outcome, PaperParams, Params,
+    PredicateId, Query, Replica, SceneGraph, Verdict, Why, align, update, wire,
 };
 use proptest::prelude::*;
 
 fn params(reading: &str, seed: u64) -> Params {
-    Params { paper: PaperParams::reading(reading).expect("known"), seed, ..Params::default() }
+    let paper = PaperParams::reading(reading).expect("known");
+    Params { algorithm: Algorithm::Paper, paper, seed, ..Params::default() }
 }
 
 fn rename(id: NodeId) -> NodeId {

@@ -130,20 +130,39 @@ impl RobustParams {
 
 /// Work done so far, against the budget.
 pub(crate) struct Work {
+    budget: u64,
     left: u64,
     exhausted: bool,
 }
 
 impl Work {
     fn new(budget: u64) -> Self {
-        Self { left: budget, exhausted: false }
+        Self { budget, left: budget, exhausted: false }
+    }
+
+    /// A share of what is left.
+    fn part(&self, of: u64) -> Self {
+        Self::new(self.left / of)
+    }
+
+    /// What a part has spent is spent here too.
+    fn take(&mut self, part: &Self) {
+        self.left -= part.spent();
+        self.exhausted |= part.exhausted;
+    }
+
+    fn spent(&self) -> u64 {
+        self.budget - self.left
     }
 
     /// Takes `n` units; false if they are not there.
     fn spend(&mut self, n: u64) -> bool {
-        self.exhausted |= n > self.left;
-        self.left = self.left.saturating_sub(n);
-        !self.exhausted
+        if n > self.left {
+            self.exhausted = true;
+            return false;
+        }
+        self.left -= n;
+        true
     }
 }
 
@@ -163,9 +182,16 @@ fn objects(query: &Query<'_>, params: &RobustParams) -> Vec<Item> {
 }
 
 pub(crate) fn align(index: &Index, query: &Query<'_>, params: &RobustParams) -> Outcome {
+    align_counted(index, query, params).0
+}
+
+/// The robust algorithm on an index of the reference, and the work that it took: table entries and
+/// node pairs looked at, at most [`RobustParams::budget`].
+#[must_use]
+pub fn align_counted(index: &Index, query: &Query<'_>, params: &RobustParams) -> (Outcome, u64) {
     let items = objects(query, params);
     if items.len() < params.fewest {
-        return Outcome::NoMatch { why: Why::SmallQuery };
+        return (Outcome::NoMatch { why: Why::SmallQuery }, 0);
     }
     let scene = Scene {
         index,
@@ -175,8 +201,12 @@ pub(crate) fn align(index: &Index, query: &Query<'_>, params: &RobustParams) -> 
         upright: query.gravity_aligned,
         params,
     };
-    let (found, exhausted) = search(&scene, query.prior.as_ref());
-    decide(query, &scene, found, exhausted)
+    // A quarter stays for the mirror image.
+    let mut work = Work::new(params.budget - params.budget / 4);
+    let found = search(&scene, query.prior.as_ref(), &mut work);
+    let mut mirror = Work::new(params.budget / 4);
+    let outcome = decide(query, &scene, found, work.exhausted, &mut mirror);
+    (outcome, work.spent() + mirror.spent())
 }
 
 /// What became of every node if the query lies at `pose` as a matter of fact; nothing is searched or
@@ -201,11 +231,11 @@ pub(crate) fn associate(
     change::describe(query, &scene, &h, None)
 }
 
-/// Distinct refined candidates, best first, and whether the budget ran out.
-fn search(scene: &Scene<'_>, prior: Option<&Isometry3<f32>>) -> (Vec<Hypothesis>, bool) {
+/// Distinct refined candidates, best first.
+fn search(scene: &Scene<'_>, prior: Option<&Isometry3<f32>>, work: &mut Work) -> Vec<Hypothesis> {
     let (index, items, params) = (scene.index, scene.query, scene.params);
     // Half for the search, half for the verification, so that the one cannot starve the other.
-    let mut searching = Work::new(params.budget / 2);
+    let mut searching = work.part(2);
     let mut candidates = match (prior, scene.upright) {
         (Some(prior), true) => {
             let near = vote::Near { prior, range: params.prior_range };
@@ -215,7 +245,8 @@ fn search(scene: &Scene<'_>, prior: Option<&Isometry3<f32>>) -> (Vec<Hypothesis>
         (_, false) => tilt::poses(index, items, params, &mut searching),
     };
     candidates.extend(prior);
-    let mut verifying = Work::new(params.budget / 2);
+    work.take(&searching);
+    let mut verifying = work.part(1);
     let mut found: Vec<Hypothesis> =
         candidates.iter().filter_map(|c| scene.refine(c, &mut verifying)).collect();
     if let Some(prior) = prior {
@@ -232,13 +263,14 @@ fn search(scene: &Scene<'_>, prior: Option<&Isometry3<f32>>) -> (Vec<Hypothesis>
             distinct.push(h);
         }
     }
-    (distinct, searching.exhausted || verifying.exhausted)
+    work.take(&verifying);
+    distinct
 }
 
 /// Whether the query's mirror image is explained better than the query itself. Distances and labels
 /// of a mirrored room agree, and parts of it that are symmetric fit; asked only where much of the
 /// query is left unexplained.
-fn mirror_fits_better(scene: &Scene<'_>, best: &Hypothesis) -> bool {
+fn mirror_fits_better(scene: &Scene<'_>, best: &Hypothesis, work: &mut Work) -> bool {
     if best.pairs.len() as f32 >= EXPLAINED * scene.query.len() as f32 {
         return false;
     }
@@ -246,22 +278,27 @@ fn mirror_fits_better(scene: &Scene<'_>, best: &Hypothesis) -> bool {
     items.iter_mut().for_each(|i| i.p.x = -i.p.x);
     items.sort_by(Item::order);
     let image = Scene { query: &items, mirrored: !scene.mirrored, ..*scene };
-    let (found, _) = search(&image, None);
-    found.first().is_some_and(|m| m.evidence > best.evidence + scene.params.margin)
+    search(&image, None, work).first().is_some_and(|m| m.evidence > best.evidence + scene.params.margin)
 }
 
 fn same_pose(a: &Isometry3<f32>, b: &Isometry3<f32>, at: &Point3<f32>) -> bool {
     (a * at - b * at).norm() < DISTINCT.0 && a.rotation.angle_to(&b.rotation) < DISTINCT.1
 }
 
-fn decide(query: &Query<'_>, scene: &Scene<'_>, distinct: Vec<Hypothesis>, exhausted: bool) -> Outcome {
+fn decide(
+    query: &Query<'_>,
+    scene: &Scene<'_>,
+    distinct: Vec<Hypothesis>,
+    exhausted: bool,
+    mirror: &mut Work,
+) -> Outcome {
     let params = scene.params;
     let bar = ln_poses(scene, query) + params.accept;
     let good: Vec<Hypothesis> = distinct.into_iter().filter(|h| acceptable(h, bar, params)).collect();
     let Some(best) = good.first() else {
         return Outcome::NoMatch { why: if exhausted { Why::Budget } else { Why::NoSupport } };
     };
-    if mirror_fits_better(scene, best) {
+    if mirror_fits_better(scene, best, mirror) {
         return Outcome::NoMatch { why: Why::Mirrored };
     }
     let rivals = good.iter().filter(|h| best.evidence - h.evidence < params.margin).count();
