@@ -50,7 +50,9 @@ pub fn multi_agent(
         System::Ma3dsg => Algorithm::Robust,
         _ => Algorithm::Paper,
     };
-    params.robust.structure = RobustParams::for_vocabulary(p.vocabulary).structure;
+    let names = RobustParams::for_vocabulary(p.vocabulary);
+    (params.robust.structure, params.robust.unnamed) = (names.structure, names.unnamed);
+    params.robust.named = p.min_class;
     if matches!(p.mode, FramesMode::Unknown | FramesMode::UnknownVisit) {
         params.paper.transform = graph_align::paper::TransformReading::FitMap;
     }

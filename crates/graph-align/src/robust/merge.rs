@@ -38,12 +38,12 @@ pub(crate) fn merge(
         let id = match verdict {
             Verdict::Same(r) | Verdict::Relabelled(r) => {
                 let structure = params.structure.contains(&q.label);
-                graph
-                    .node_mut(r)
-                    .map(|node| observe(node, q, &seen, if structure { f32::MAX } else { params.slack }))
+                graph.node_mut(r).map(|node| {
+                    observe(node, q, &seen, if structure { f32::MAX } else { params.slack }, params)
+                })
             }
             Verdict::Moved(r) => graph.node_mut(r).map(|node| {
-                observe(node, q, &seen, 0.0);
+                observe(node, q, &seen, 0.0, params);
                 node.bounds = seen;
                 r
             }),
@@ -89,7 +89,7 @@ pub(crate) fn join_parts(
             }
             if let Some(node) = graph.node_mut(keep) {
                 if node.label != part.label {
-                    fuse_classes(node, &part);
+                    fuse_classes(node, &part, params);
                 }
                 node.bounds = node.bounds.union(&part.bounds);
                 node.last_seen = node.last_seen.max(part.last_seen);
@@ -122,11 +122,13 @@ fn part_near(
             (true, true) => params.part[0],
             (false, true) => params.part[1],
             (true, false) => f32::MAX,
-            (false, false) => params.part[2],
+            (false, false) if params.is_named(node) => params.part[2],
+            (false, false) => f32::MAX,
         };
         if r.id != id
             && share > least
-            && (r.label == node.label || graph.node(r.id).is_some_and(|o| rivals(node, o)))
+            && (r.label == node.label
+                || graph.node(r.id).is_some_and(|o| params.is_named(o) && rivals(node, o)))
         {
             let better =
                 best.as_ref().is_none_or(|b| share.total_cmp(&b.0).then_with(|| b.1.order(r)).is_gt());
@@ -164,8 +166,8 @@ fn patience(node: &Node, params: &RobustParams) -> u32 {
 }
 
 /// One more view of a node.
-fn observe(node: &mut Node, q: &Node, seen: &Box3, slack: f32) -> NodeId {
-    fuse_classes(node, q);
+fn observe(node: &mut Node, q: &Node, seen: &Box3, slack: f32, params: &RobustParams) -> NodeId {
+    fuse_classes(node, q, params);
     node.bounds = combined(&node.bounds, seen, slack);
     node.sightings = node.sightings.saturating_add(q.sightings);
     node.misses = 0;
@@ -173,9 +175,15 @@ fn observe(node: &mut Node, q: &Node, seen: &Box3, slack: f32) -> NodeId {
     node.id
 }
 
-/// Class probabilities as means over sightings; the best three stay.
-fn fuse_classes(node: &mut Node, q: &Node) {
-    let (a, b) = (node.sightings.max(1) as f32, q.sightings.max(1) as f32);
+/// Class probabilities as means over sightings; the best three stay. Of a named and an unnamed view
+/// the unnamed one weighs less.
+fn fuse_classes(node: &mut Node, q: &Node, params: &RobustParams) {
+    let (mut a, mut b) = (node.sightings.max(1) as f32, q.sightings.max(1) as f32);
+    match (params.is_named(node), params.is_named(q)) {
+        (true, false) => b *= params.unnamed_weight,
+        (false, true) => a *= params.unnamed_weight,
+        (true, true) | (false, false) => {}
+    }
     let mut sums: BTreeMap<LabelId, f32> = BTreeMap::new();
     node.classes().for_each(|(l, p)| *sums.entry(l).or_default() += p * a);
     q.classes().for_each(|(l, p)| *sums.entry(l).or_default() += p * b);

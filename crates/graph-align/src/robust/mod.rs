@@ -26,7 +26,7 @@ mod vote;
 
 pub use index::Index;
 
-use crate::{LabelId, Match, Outcome, Query, Vocabulary, Why};
+use crate::{LabelId, Match, Node, Outcome, Query, Vocabulary, Why};
 use evidence::{Hypothesis, Scene};
 use index::Item;
 use nalgebra::{Isometry3, Point3};
@@ -37,6 +37,14 @@ pub struct RobustParams {
     /// Classes of structure (walls, floors, ceilings): the centroid of such a node depends on how
     /// much of it was seen, so they do not vote and are matched by overlap.
     pub structure: Vec<LabelId>,
+    /// The class of what has no name. Such nodes, and those whose class is less probable than `named`,
+    /// are landmarks: they align like others, and weigh little in the class of a named node that they
+    /// are seen to be.
+    pub unnamed: Option<LabelId>,
+    /// Probability from which a node is named.
+    pub named: f32,
+    /// Weight of an unnamed view of a named object, and of the unnamed views before a named one.
+    pub unnamed_weight: f32,
     /// Largest distance of the two objects of a pair, metres.
     pub pair_range: f32,
     /// Evidence beyond the log of the number of poses that acceptance takes.
@@ -74,6 +82,9 @@ impl Default for RobustParams {
     fn default() -> Self {
         Self {
             structure: Vec::new(),
+            unnamed: None,
+            named: 0.0,
+            unnamed_weight: 0.3,
             pair_range: 5.0,
             accept: 3.0,
             fewest: 4,
@@ -93,10 +104,16 @@ impl Default for RobustParams {
 }
 
 impl RobustParams {
+    fn is_named(&self, node: &Node) -> bool {
+        Some(node.label) != self.unnamed && node.score + 0.5 / 255.0 >= self.named
+    }
+
     /// Sets a number by its name, `patience` and `part` by `name.0` and `name.1`; false for a name that
     /// does not exist.
     pub fn set(&mut self, name: &str, value: f32) -> bool {
         match name {
+            "named" => self.named = value,
+            "unnamed_weight" => self.unnamed_weight = value,
             "pair_range" => self.pair_range = value,
             "accept" => self.accept = value,
             "fewest" => self.fewest = value as usize,
@@ -119,12 +136,13 @@ impl RobustParams {
         true
     }
 
-    /// The defaults, with `wall`, `floor` and `ceiling` of a vocabulary as structure.
+    /// The defaults, with `wall`, `floor` and `ceiling` of a vocabulary as structure and `none` as what
+    /// has no name.
     #[must_use]
     pub fn for_vocabulary(vocabulary: &Vocabulary) -> Self {
         let structure =
             ["wall", "floor", "ceiling"].iter().filter_map(|n| vocabulary.find_label(n)).collect();
-        Self { structure, ..Self::default() }
+        Self { structure, unnamed: vocabulary.find_label("none"), ..Self::default() }
     }
 }
 

@@ -152,6 +152,7 @@ impl FoldArgs {
         }
         let state = bench_3rscan::run::hex(&state.finalize());
         let mut params = Params { robust: RobustParams::for_vocabulary(&vocabulary), ..Params::default() };
+        params.robust.named = self.min_class;
         pipeline::set_robust(&mut params.robust, &self.robust)?;
         let folded = replica.fold(&params);
         let named = folded.main_graph().named(vocabulary.find_label(agent::NONE), self.min_class);
