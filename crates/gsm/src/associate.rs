@@ -7,12 +7,16 @@ use crate::store::{Step, Store};
 use crate::surfels::{BLOCK, Cold, Hot, Surfels};
 use nalgebra::{Isometry3, Matrix3};
 
+/// Where errors are independent, surfels average them: fused is mostly the measured depth, since smoothing would
+/// blur steps for good.
+const RAW: f32 = 0.75;
+
 /// A surfel seen again.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Match {
     pub(crate) surfel: u32,
     pub(crate) pixel: u32,
-    /// Distance of the surfel in front of the pixel's tangent plane, metres.
+    /// Distance of the surfel in front of the pixel's tangent plane at the depth to be fused, metres.
     pub(crate) ahead: f32,
 }
 
@@ -201,6 +205,9 @@ impl Association {
             self.hit_distance[i] = self.hit_distance[i].min(f32::MAX);
             return Sight::Doubt(Doubt::Stray);
         }
+        // Along the pixel's ray, what is z deeper lies z times their product behind.
+        let facing = dot(n, [frame.ray_x[x], frame.ray_y[y], 1.0]);
+        let ahead = ahead - lens.raw * (z - frame.smooth[i]) * facing;
         self.matches.push(Match { surfel: id, pixel: i as u32, ahead });
         let distance = dot(off, off);
         if distance < self.hit_distance[i] {
@@ -222,6 +229,8 @@ struct Lens<'a> {
     cy: f32,
     width: f32,
     height: f32,
+    /// Part of the measured depth in what is fused; the rest is the smoothed one.
+    raw: f32,
 }
 
 impl<'a> Lens<'a> {
@@ -229,7 +238,8 @@ impl<'a> Lens<'a> {
         let c = frame.camera?;
         let (width, height) = (frame.width as f32, frame.height as f32);
         let (cx, cy) = (c.cx() + 0.5, c.cy() + 0.5);
-        Some(Self { frame, pose, params, fx: c.fx(), fy: c.fy(), cx, cy, width, height })
+        let raw = if frame.noise.independent { RAW } else { 0.0 };
+        Some(Self { frame, pose, params, fx: c.fx(), fy: c.fy(), cx, cy, width, height, raw })
     }
 }
 

@@ -2,9 +2,10 @@
 
 use crate::Params;
 use crate::frame::{Frame, dot, sub};
+use crate::noise::Window;
 
 /// Writes `edge`. A pixel is an edge when it has no normal, when a link to one of its four neighbours is broken,
-/// or when the points at half a window on both sides of it, along row or column, form a concave crease
+/// or when the points on both sides of it, along row or column at the window's reach, form a concave crease
 /// (`(N₂ − N₁)·(P₂ − P₁) < 0`, after Stein et al. 2014) or a step.
 pub(crate) fn edges(frame: &mut Frame, params: &Params) {
     let (w, h) = (frame.width, frame.height);
@@ -18,11 +19,10 @@ pub(crate) fn edges(frame: &mut Frame, params: &Params) {
                 edge[i] = 1;
                 continue;
             }
-            let row = frame.noise.row(frame.z[i]);
-            let reach = row.radius / 2 + 1;
+            let Window { reach, smooth, .. } = frame.noise.window(frame.z[i], frame.gain[i]);
             let k = l.min(r).min(reach) as usize;
             let m = u.min(d).min(reach) as usize;
-            let step = params.step_sigmas * row.smooth;
+            let step = params.step_sigmas * smooth;
             let hit = creased(frame, crease, step, [i - k, i + k], [x - k, x + k], [y, y])
                 || creased(frame, crease, step, [i - m * w, i + m * w], [x, x], [y - m, y + m]);
             edge[i] = u8::from(hit);

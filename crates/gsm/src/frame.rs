@@ -1,6 +1,7 @@
 //! The maps of one frame at working resolution, reused from frame to frame.
 
 use crate::noise::NoiseTable;
+use crate::predict::Prediction;
 use crate::{DepthView, Intrinsics, Params, Stage};
 
 /// Link of a pixel to its right neighbour is unbroken.
@@ -28,8 +29,10 @@ pub(crate) struct Frame {
     pub(crate) prefix: Vec<[f32; 4]>,
     /// Block-averaged depth, 0 = invalid.
     pub(crate) z: Vec<f32>,
-    /// Its inverse (linear over the image on a plane), 0 = invalid.
+    /// Its inverse (linear over the image on a plane), steadied by prediction, 0 = invalid.
     pub(crate) inverse: Vec<f32>,
+    /// Factor on sigma after prediction, 1 = nothing predicted.
+    pub(crate) gain: Vec<f32>,
     /// Sigma of the inverse depth.
     pub(crate) slack: Vec<f32>,
     /// [`RIGHT`] and [`DOWN`] bits.
@@ -56,11 +59,24 @@ pub(crate) struct Frame {
 }
 
 impl Frame {
-    /// Runs the image kernels: shrink, links, normals, edges, regions.
-    pub(crate) fn run(&mut self, view: &DepthView<'_>, params: &Params, done: &mut impl FnMut(Stage)) {
+    /// Depth at working resolution.
+    pub(crate) fn shrink(&mut self, view: &DepthView<'_>, params: &Params) {
         self.fit(&view.intrinsics, params);
         crate::shrink::shrink(self, view, params);
-        done(Stage::Shrink);
+    }
+
+    /// Takes over what the map predicts.
+    pub(crate) fn steady(&mut self, prediction: &Prediction) {
+        for i in 0..self.z.len() {
+            self.gain[i] = 1.0;
+            if let Some((inverse, gain)) = prediction.steady(i, self.z[i]) {
+                (self.inverse[i], self.gain[i]) = (inverse, gain);
+            }
+        }
+    }
+
+    /// Runs the image kernels: links, normals, edges, regions.
+    pub(crate) fn segment(&mut self, params: &Params, done: &mut impl FnMut(Stage)) {
         crate::links::links(self);
         done(Stage::Links);
         crate::normals::normals(self);
@@ -93,6 +109,7 @@ impl Frame {
             .collect();
         self.z = vec![0.0; n];
         self.inverse = vec![0.0; n];
+        self.gain = vec![1.0; n];
         self.slack = vec![0.0; n];
         self.links = vec![0; n];
         self.arms = vec![[0; 4]; n];

@@ -41,6 +41,7 @@ mod moments;
 mod noise;
 mod normals;
 mod params;
+mod predict;
 mod segment;
 mod segments;
 mod shrink;

@@ -5,6 +5,7 @@ use crate::bricks::Bricks;
 use crate::event::{Counts, FrameReport, SegmentId, Skip};
 use crate::frame::Frame;
 use crate::merge::Merges;
+use crate::predict::Prediction;
 use crate::segment::{Segment, Surfel};
 use crate::segments::Segments;
 use crate::split::Splits;
@@ -23,6 +24,10 @@ const SWEEP: usize = 64;
 pub enum Stage {
     /// Depth at working resolution.
     Shrink,
+    /// Bricks in view and the visibility grid.
+    Look,
+    /// Depth expected by the map.
+    Predict,
     /// Links between pixels.
     Links,
     /// Normals.
@@ -31,8 +36,6 @@ pub enum Stage {
     Edges,
     /// Regions.
     Regions,
-    /// Bricks in view and the visibility grid.
-    Look,
     /// Projective association.
     Associate,
     /// Votes.
@@ -49,6 +52,7 @@ pub struct Map {
     params: Params,
     frame: Frame,
     pub(crate) store: Store,
+    prediction: Prediction,
     association: Association,
     votes: Votes,
     merges: Merges,
@@ -72,6 +76,7 @@ impl Map {
             params,
             frame: Frame::default(),
             store: Store { surfels: Surfels::default(), bricks, segments: Segments::default() },
+            prediction: Prediction::default(),
             association: Association::default(),
             votes: Votes::default(),
             merges: Merges::default(),
@@ -95,8 +100,8 @@ impl Map {
         if report.skipped.is_some() {
             return report;
         }
-        // The image: one region per smooth surface.
-        self.frame.run(view, &self.params, &mut done);
+        self.frame.shrink(view, &self.params);
+        done(Stage::Shrink);
         if self.frame.valid < 10 {
             report.skipped = Some(Skip::NoDepth);
             return report;
@@ -105,10 +110,21 @@ impl Map {
         report.jumped = self.begin(&pose);
         let (counts, events) = (&mut report.counts, &mut report.events);
 
-        // The map as the frame sees it.
+        // What the map expects to see.
         let step = Step { frame: &self.frame, pose: &pose, params: &self.params, now: self.now };
         counts.refused += visibility::look(step, &mut self.store.bricks, &mut self.visible);
         done(Stage::Look);
+        if self.params.noise.is_independent() {
+            self.prediction.gather(step, &self.visible, &self.store);
+            self.frame.steady(&self.prediction);
+        }
+        done(Stage::Predict);
+
+        // The image: one region per smooth surface.
+        self.frame.segment(&self.params, &mut done);
+
+        // The map as the frame sees it.
+        let step = Step { frame: &self.frame, pose: &pose, params: &self.params, now: self.now };
         let (association, votes, store) = (&mut self.association, &mut self.votes, &mut self.store);
         association.run(step, &self.visible, store, counts);
         done(Stage::Associate);

@@ -46,6 +46,13 @@ impl NoiseModel {
         s * self.scale
     }
 
+    /// Whether the errors of neighbouring pixels and of successive frames are independent, so that averages over
+    /// windows and over frames fall as white noise does: true for time of flight. Structured light errs in patterns
+    /// that stay, and rendered depth has nothing to average.
+    pub fn is_independent(&self) -> bool {
+        self.profile == Profile::TofPhone
+    }
+
     /// Like [`sigma`](Self::sigma) at incidence `cos` = |normal · viewing ray|: the axial error of a slanted
     /// surface grows as `1/cos`, limited to four times.
     pub fn sigma_at(&self, z: f32, cos: f32) -> f32 {
@@ -57,6 +64,7 @@ impl NoiseModel {
 #[derive(Debug, Clone, Default)]
 pub(crate) struct NoiseTable {
     rows: Vec<Row>,
+    pub(crate) independent: bool,
 }
 
 /// Constants of one range bin.
@@ -64,10 +72,36 @@ pub(crate) struct NoiseTable {
 pub(crate) struct Row {
     /// Standard deviation of a working pixel, metres.
     pub(crate) sigma: f32,
-    /// The same after the mean over a window's side.
-    pub(crate) smooth: f32,
-    /// Half-window, pixels.
+    /// Wanted side of the window, pixels.
+    side: f32,
+    /// Window of a pixel without prediction.
+    window: Window,
+}
+
+/// The window over which a pixel's plane is fitted.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Window {
+    /// Half of it, pixels.
     pub(crate) radius: u8,
+    /// Distance at which the two sides of an edge are compared, pixels.
+    pub(crate) reach: u8,
+    /// Standard deviation after smoothing, metres.
+    pub(crate) smooth: f32,
+}
+
+impl Window {
+    /// The window of side `n` for pixels of standard deviation `sigma`. Independent errors fall with the side of the
+    /// window, and steps between whole windows are told from noise; others fall with the root of it only, and are
+    /// compared at half a window.
+    fn new(n: f32, sigma: f32, independent: bool) -> Self {
+        let r = ((n - 1.0) * 0.5).ceil().clamp(f32::from(RADIUS_MIN), f32::from(RADIUS_MAX));
+        let (radius, side) = (r as u8, 2.0 * r + 1.0);
+        if independent {
+            Self { radius, reach: radius + 1, smooth: sigma / side }
+        } else {
+            Self { radius, reach: radius / 2 + 1, smooth: sigma / side.sqrt() }
+        }
+    }
 }
 
 /// Half-windows are within these bounds, pixels.
@@ -82,13 +116,13 @@ impl NoiseTable {
     /// to `slope` (radians).
     pub(crate) fn new(model: &NoiseModel, factor: u32, spacing: f32, slope: f32, max_depth: f32) -> Self {
         let bins = (max_depth * 100.0).ceil() as usize + 2;
-        let mut table = Self { rows: Vec::with_capacity(bins) };
+        let independent = model.is_independent();
+        let mut table = Self { rows: Vec::with_capacity(bins), independent };
         for i in 0..bins {
             let z = (i as f32 + 0.5) * 0.01;
             let sigma = model.sigma(z) / (factor as f32).sqrt();
             let n = (sigma * 12f32.sqrt() / (spacing * z * slope)).sqrt();
-            let r = ((n - 1.0) * 0.5).ceil().clamp(f32::from(RADIUS_MIN), f32::from(RADIUS_MAX));
-            table.rows.push(Row { sigma, smooth: sigma / (2.0 * r + 1.0).sqrt(), radius: r as u8 });
+            table.rows.push(Row { sigma, side: n, window: Window::new(n, sigma, independent) });
         }
         table
     }
@@ -105,9 +139,15 @@ impl NoiseTable {
         self.row(z).sigma
     }
 
+    /// The window at depth `z` where prediction lowers sigma by the factor `gain`.
     #[inline]
-    pub(crate) fn radius(&self, z: f32) -> u8 {
-        self.row(z).radius
+    pub(crate) fn window(&self, z: f32, gain: f32) -> Window {
+        let row = self.row(z);
+        if gain == 1.0 {
+            row.window
+        } else {
+            Window::new(row.side * gain.sqrt(), row.sigma * gain, self.independent)
+        }
     }
 }
 
@@ -133,8 +173,12 @@ mod tests {
     fn windows_grow_until_the_slope_error_is_met() {
         let m = NoiseModel::of(Profile::TofPhone);
         let t = NoiseTable::new(&m, 1, 1.0 / 178.0, 0.05, 5.0);
-        assert!(t.radius(1.0) >= RADIUS_MIN && t.radius(4.0) <= RADIUS_MAX);
-        let n = 2.0 * f32::from(t.radius(2.0)) + 1.0;
+        let radius = |z| t.window(z, 1.0).radius;
+        assert!(radius(1.0) >= RADIUS_MIN && radius(4.0) <= RADIUS_MAX);
+        assert!(
+            t.window(2.0, 0.3).radius < radius(2.0) && t.window(2.0, 0.3).smooth < t.window(2.0, 1.0).smooth
+        );
+        let n = 2.0 * f32::from(radius(2.0)) + 1.0;
         assert!(m.sigma(2.0) * 12f32.sqrt() / (2.0 / 178.0 * n * n) <= 0.051);
     }
 }

@@ -41,7 +41,7 @@ fn arms(frame: &mut Frame) {
             let i = y * w + x;
             left = if x > 0 && frame.links[i - 1] & RIGHT != 0 { left.saturating_add(1) } else { 0 };
             *up = if y > 0 && frame.links[i - w] & DOWN != 0 { up.saturating_add(1) } else { 0 };
-            let r = if frame.z[i] > 0.0 { frame.noise.radius(frame.z[i]) } else { 0 };
+            let r = if frame.z[i] > 0.0 { frame.noise.window(frame.z[i], frame.gain[i]).radius } else { 0 };
             frame.arms[i] = [left.min(r), r, (*up).min(r), r];
         }
     }
@@ -165,7 +165,8 @@ mod tests {
                     time: 0.0,
                 };
                 let mut frame = Frame::default();
-                frame.run(&view, &params, &mut |_| ());
+                frame.shrink(&view, &params);
+                frame.segment(&params, &mut |_| ());
                 let length = dot([a, b, c], [a, b, c]).sqrt();
                 for (i, &z) in depth.iter().enumerate() {
                     let n = frame.normal[i];

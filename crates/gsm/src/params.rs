@@ -14,7 +14,7 @@ pub struct Params {
     pub min_depth: f32,
     /// Depth beyond this is invalid, metres (default 5).
     pub max_depth: f32,
-    /// Wanted standard error of normals, radians (default 0.05): windows grow until it is met.
+    /// Wanted standard error of normals, radians (default 0.07): windows grow until it is met.
     pub normal_error: f32,
     /// A concave crease of more than this angle is an edge, radians (default 0.30).
     pub concave_angle: f32,
@@ -59,7 +59,7 @@ impl Default for Params {
             max_pixels: 40_000,
             min_depth: 0.3,
             max_depth: 5.0,
-            normal_error: 0.05,
+            normal_error: 0.07,
             concave_angle: 0.30,
             step_sigmas: 5.0,
             min_region_pixels: 16,

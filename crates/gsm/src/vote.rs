@@ -17,6 +17,13 @@ pub(crate) struct Contact {
     pub(crate) joined: bool,
 }
 
+/// Least votes for a segment's id.
+const VOTES: u32 = 4;
+/// Least votes per core pixel of the region that holds most of the segment in view, and of another one: a region
+/// that merely touches a segment does not inherit its id.
+const MAIN_SHARE: f32 = 0.1;
+const OWN_SHARE: f32 = 0.4;
+
 /// Workspace and result.
 #[derive(Debug, Default)]
 pub(crate) struct Votes {
@@ -34,7 +41,12 @@ pub(crate) struct Votes {
     /// Per slot its column in the table, valid where `stamp` is the current frame.
     column: Vec<u32>,
     stamp: Vec<u32>,
+    /// Votes of every region (rows) for every segment seen (columns).
     table: Vec<u32>,
+    /// Pixels per region that are no edges: only they vote, as surfels near a crease stray over it.
+    cores: Vec<u32>,
+    /// Per column the most votes that a region has for it, and the first such region.
+    claims: Vec<(u32, u32)>,
 }
 
 impl Votes {
@@ -53,13 +65,19 @@ impl Votes {
         let regions = frame.region_size.len();
         self.table.clear();
         self.table.resize(regions * columns, 0);
+        self.cores.clear();
+        self.cores.resize(regions, 0);
         for (i, &s) in self.segment.iter().enumerate() {
+            if frame.edge[i] != 0 {
+                continue;
+            }
             let region = frame.label[i] as usize;
+            self.cores[region] += 1;
             if s != 0 && region != 0 {
                 self.table[region * columns + self.column[s as usize - 1] as usize] += 1;
             }
         }
-        self.resolve(frame, segments, params, now, events);
+        self.resolve(segments, params, now, events);
         self.touch(frame);
     }
 
@@ -89,16 +107,16 @@ impl Votes {
 
     fn resolve(
         &mut self,
-        frame: &Frame,
         segments: &mut Segments,
         params: &Params,
         now: u32,
         events: &mut Vec<SegmentEvent>,
     ) {
         let columns = self.seen.len();
+        self.claim(columns);
         self.segment_of.clear();
         self.segment_of.push(0);
-        for region in 1..frame.region_size.len() {
+        for region in 1..self.cores.len() {
             let row = &self.table[region * columns..(region + 1) * columns];
             let voters: u32 = row.iter().sum();
             let best = row
@@ -106,9 +124,11 @@ impl Votes {
                 .zip(&self.seen)
                 .map(|(&n, &slot)| (n, std::cmp::Reverse(segments.slots[slot as usize].id), slot))
                 .max();
-            let size = frame.region_size[region];
-            let taken = best.filter(|&(n, _, _)| {
-                n as f32 >= params.take_share * voters as f32 && n >= 10 && n as f32 >= 0.1 * size as f32
+            let size = self.cores[region];
+            let taken = best.filter(|&(n, _, slot)| {
+                let main = self.claims[self.column[slot as usize] as usize].1 == region as u32;
+                let share = if main { MAIN_SHARE } else { OWN_SHARE };
+                n as f32 >= params.take_share * voters as f32 && n >= VOTES && n as f32 >= share * size as f32
             });
             let segment = match taken {
                 Some((_, _, slot)) => slot + 1,
@@ -118,6 +138,20 @@ impl Votes {
                 None => 0,
             };
             self.segment_of.push(segment);
+        }
+    }
+
+    /// Finds the region that holds most of each segment seen.
+    fn claim(&mut self, columns: usize) {
+        self.claims.clear();
+        self.claims.resize(columns, (0, 0));
+        for region in 1..self.cores.len() {
+            let row = &self.table[region * columns..(region + 1) * columns];
+            for (claim, &n) in self.claims.iter_mut().zip(row) {
+                if n > claim.0 {
+                    *claim = (n, region as u32);
+                }
+            }
         }
     }
 
