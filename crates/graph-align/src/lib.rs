@@ -36,6 +36,7 @@ mod looked;
 pub mod paper;
 mod replica;
 pub mod robust;
+mod sightings;
 mod update;
 mod vocabulary;
 #[cfg(feature = "wire")]

@@ -5,8 +5,10 @@
 //! gives the same bytes.
 
 use crate::robust::{self, Index};
+use crate::sightings::Sightings;
 use crate::{
-    Algorithm, Error, Looked, Match, Outcome, Params, Query, SceneGraph, align_indexed, append, paper, update,
+    Algorithm, Error, Looked, Match, NodeId, Outcome, Params, Query, SceneGraph, Verdict, align_indexed,
+    append, paper, update,
 };
 use nalgebra::Isometry3;
 use std::collections::BTreeMap;
@@ -56,6 +58,8 @@ pub struct Component {
     pub frames: BTreeMap<u32, Isometry3<f32>>,
     /// Of `graph`, for the robust algorithm.
     index: Index,
+    /// Where each object was seen, in the frames of those who saw it.
+    sightings: Sightings,
 }
 
 impl PartialEq for Component {
@@ -100,11 +104,35 @@ impl Replica {
         self.observations.values()
     }
 
+    /// The observations of all agents but one.
+    #[must_use]
+    pub fn without(&self, agent: u16) -> Self {
+        let kept = self.observations.iter().filter(|(k, _)| k.agent != agent);
+        Self { observations: kept.map(|(k, o)| (*k, o.clone())).collect() }
+    }
+
     /// Aligns and merges all observations in their order.
+    ///
+    /// Where frames had to be found, the fold runs twice: the first run finds who saw which object,
+    /// all frames are then fitted to all of that at once ([`Folded::frames`]), and the second run
+    /// merges in those frames.
     #[must_use]
     pub fn fold(&self, params: &Params) -> Folded {
+        let first = self.fold_in(&BTreeMap::new(), params);
+        let found =
+            params.algorithm == Algorithm::Robust && first.components.iter().any(|c| c.frames.len() > 1);
+        if found { self.fold_in(&first.frames(params), params) } else { first }
+    }
+
+    fn fold_in(&self, frames: &BTreeMap<u32, (u32, Isometry3<f32>)>, params: &Params) -> Folded {
         let mut folded = Folded::default();
         for o in self.observations.values() {
+            let known = frames.get(&o.frame);
+            let home = known
+                .and_then(|(root, _)| folded.components.iter().position(|c| c.frames.contains_key(root)));
+            if let (Some(k), Some((_, t))) = (home, known) {
+                folded.components[k].frames.entry(o.frame).or_insert(*t);
+            }
             folded.push(o, params);
         }
         folded
@@ -118,12 +146,21 @@ impl Component {
             Algorithm::Robust => Index::of(&graph, &params.robust),
             Algorithm::Paper | Algorithm::Append => Index::default(),
         };
-        let mut new = Self { graph, frames: BTreeMap::from([(o.frame, Isometry3::identity())]), index };
+        let sightings = Sightings::of(o);
+        let frames = BTreeMap::from([(o.frame, Isometry3::identity())]);
+        let mut new = Self { graph, frames, index, sightings };
         if params.algorithm == Algorithm::Robust {
             let all = new.graph.nodes().map(|n| n.id).collect();
-            robust::merge::join_parts(&mut new.graph, &mut new.index, &all, &params.robust);
+            let joined = robust::merge::join_parts(&mut new.graph, &mut new.index, &all, &params.robust);
+            new.sightings.join(&joined);
         }
         new
+    }
+
+    /// The frame in which the graph stands.
+    #[must_use]
+    pub fn root(&self) -> Option<u32> {
+        self.frames.iter().find(|(_, t)| **t == Isometry3::identity()).map(|(f, _)| *f)
     }
 
     fn align(&self, query: &Query<'_>, params: &Params) -> Outcome {
@@ -132,7 +169,14 @@ impl Component {
 
     /// Merges a query whose frame is known. The robust algorithm associates at the known pose where
     /// its search refuses: the frames are a matter of fact, the objects need not be many.
-    fn merge(&mut self, query: &Query<'_>, outcome: Outcome, pose: &Isometry3<f32>, params: &Params) {
+    fn merge(
+        &mut self,
+        query: &Query<'_>,
+        outcome: Outcome,
+        pose: &Isometry3<f32>,
+        seen: &Sightings,
+        params: &Params,
+    ) {
         if params.algorithm != Algorithm::Robust {
             self.graph = update(&self.graph, query, &outcome, params);
             return;
@@ -144,8 +188,22 @@ impl Component {
             }
         };
         let (graph, index) = (&mut self.graph, &mut self.index);
-        let touched = robust::merge::merge(graph, Some(index), query.graph, &m, &params.robust);
-        robust::merge::join_parts(graph, index, &touched, &params.robust);
+        let merged = robust::merge::merge(graph, Some(index), query.graph, &m, &params.robust);
+        for verdict in m.verdicts.values() {
+            if let Verdict::Moved(r) = verdict {
+                self.sightings.forget(*r);
+            }
+        }
+        self.sightings.add(seen, &merged.image);
+        let joined = robust::merge::join_parts(graph, index, &merged.touched, &params.robust);
+        self.sightings.join(&joined);
+    }
+
+    /// The frames fitted to all that was seen from more than one of them; the root's stays.
+    fn refined(&self, params: &Params) -> BTreeMap<u32, Isometry3<f32>> {
+        let objects =
+            |id: NodeId| self.graph.node(id).is_some_and(|n| !params.robust.structure.contains(&n.label));
+        self.sightings.fit(&self.frames, objects)
     }
 }
 
@@ -158,7 +216,7 @@ impl Folded {
         } else if let Some((k, m)) = self.best_match(&query, None, params) {
             let (c, t) = (&mut self.components[k], m.reference_from_query);
             c.frames.insert(o.frame, t);
-            c.merge(&query, Outcome::Match(m), &t, params);
+            c.merge(&query, Outcome::Match(m), &t, &Sightings::of(o), params);
         } else {
             self.components.push(Component::new(o, params));
         }
@@ -182,7 +240,7 @@ impl Folded {
         let pose = self.components[k].frames.get(&o.frame).copied().unwrap_or_else(Isometry3::identity);
         let at = Query { prior: Some(pose), ..*query };
         let outcome = self.components[k].align(&at, params);
-        self.components[k].merge(&at, outcome, &pose, params);
+        self.components[k].merge(&at, outcome, &pose, &Sightings::of(o), params);
         if let Some((other, m)) = self.best_match(query, Some(k), params) {
             self.link(k, other, &(pose * m.reference_from_query.inverse()), params);
         }
@@ -208,7 +266,18 @@ impl Folded {
                 removed: Vec::new(),
             },
         };
-        c.merge(&query, Outcome::Match(m), &t, params);
+        c.merge(&query, Outcome::Match(m), &t, &gone.sightings, params);
+    }
+
+    /// Every frame by the root of its component, fitted to all that was seen from more than one frame.
+    #[must_use]
+    pub fn frames(&self, params: &Params) -> BTreeMap<u32, (u32, Isometry3<f32>)> {
+        let mut out = BTreeMap::new();
+        for c in &self.components {
+            let Some(root) = c.root() else { continue };
+            out.extend(c.refined(params).into_iter().map(|(f, t)| (f, (root, t))));
+        }
+        out
     }
 
     /// The largest part, the older one of equals; empty before the first observation.

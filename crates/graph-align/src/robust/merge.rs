@@ -10,8 +10,8 @@ use std::collections::{BTreeMap, BTreeSet};
 /// Probability from which another class is a possible one.
 const RIVAL: f32 = 0.12;
 
-/// Merges `query` into `graph` as `m` says, and keeps an index of the graph up to date. Beside it the
-/// nodes that changed, came or went.
+/// Merges `query` into `graph` as `m` says, and keeps an index of the graph up to date. Beside it
+/// what was done.
 ///
 /// Same and relabelled nodes gather classes and sightings; moved ones take the query's box and
 /// edges; nodes of `m.removed` count a miss and go when their sightings do not outweigh it.
@@ -21,7 +21,7 @@ pub(crate) fn merge(
     query: &SceneGraph,
     m: &Match,
     params: &RobustParams,
-) -> BTreeSet<NodeId> {
+) -> Merged {
     let mut touched: BTreeSet<NodeId> = BTreeSet::new();
     for &r in &m.removed {
         let Some(node) = graph.node_mut(r) else { continue };
@@ -65,23 +65,33 @@ pub(crate) fn merge(
             }
         }
     }
-    touched
+    Merged { touched, image }
+}
+
+/// What a merge did.
+pub(crate) struct Merged {
+    /// Nodes that changed, came or went.
+    pub touched: BTreeSet<NodeId>,
+    /// The node that each node of the query became.
+    pub image: BTreeMap<NodeId, NodeId>,
 }
 
 /// Joins nodes that are parts of others of their class: of two, the one that was seen more often, then
-/// the larger one, then the older one stays.
+/// the larger one, then the older one stays. Beside it (gone, stayed) in the order of joining.
 pub(crate) fn join_parts(
     graph: &mut SceneGraph,
     index: &mut Index,
     touched: &BTreeSet<NodeId>,
     params: &RobustParams,
-) {
+) -> Vec<(NodeId, NodeId)> {
+    let mut joined = Vec::new();
     for &id in touched {
         while let Some((keep, gone)) = part_near(graph, index, id, params) {
             let Some(part) = graph.node(gone).cloned() else { break };
             let edges: Vec<Edge> = graph.outgoing(gone).chain(graph.incoming(gone)).collect();
             graph.remove_node(gone);
             index.remove(gone);
+            joined.push((gone, keep));
             let swap = |n: NodeId| if n == gone { keep } else { n };
             for e in edges {
                 // An edge between the two is no edge any more.
@@ -102,6 +112,7 @@ pub(crate) fn join_parts(
             }
         }
     }
+    joined
 }
 
 /// (which stays, which goes) of the pair of a node and the neighbour that shares most with it.
