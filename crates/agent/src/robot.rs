@@ -193,17 +193,34 @@ impl<'m> Robot<'m> {
         &self,
         vocabulary: &mut Vocabulary,
     ) -> Result<(SceneGraph, BTreeMap<SegmentId, u64>), Error> {
+        self.graph_by(self.params.graph.clone(), vocabulary)
+    }
+
+    fn graph_by(
+        &self,
+        params: GraphParams,
+        vocabulary: &mut Vocabulary,
+    ) -> Result<(SceneGraph, BTreeMap<SegmentId, u64>), Error> {
         let set = self.nodes()?;
         let c = self.model.config();
         let p = GraphParams {
             multi: c.edge_scores == EdgeScores::Multi,
             time: self.time,
-            ..self.params.graph.clone()
+            ..params
         };
         let (graph, of) =
             build_graph(&set, &self.scores(&set), &c.class_names, &c.predicate_names, vocabulary, &p)?;
         let instance = set.nodes.iter().zip(of).filter_map(|(n, id)| Some((n.id, id?.0)));
         Ok((graph, instance.collect()))
+    }
+
+    /// The graph of the visit so far with what has no name ([`GraphParams::unnamed`]).
+    ///
+    /// # Errors
+    /// As [`build_graph`].
+    pub fn graph_with_landmarks(&self, vocabulary: &mut Vocabulary) -> Result<SceneGraph, Error> {
+        let graph = GraphParams { unnamed: true, ..self.params.graph.clone() };
+        Ok(self.graph_by(graph, vocabulary)?.0)
     }
 
     /// Turns nodes and graph from the map's frame into one whose z is up. Encodings and scores made

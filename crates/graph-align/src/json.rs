@@ -30,6 +30,10 @@ pub struct GraphFile {
     pub nodes: Vec<NodeRecord>,
     /// Relations.
     pub edges: Vec<EdgeRecord>,
+    /// Objects without a name: they serve alignment and are no part of the graph. Their ids are unique
+    /// among nodes and landmarks.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub landmarks: Vec<NodeRecord>,
     /// Where the graph comes from: data, weights, command.
     #[serde(default, skip_serializing_if = "Value::is_null")]
     pub provenance: Value,
@@ -89,6 +93,22 @@ fn once() -> u32 {
     1
 }
 
+impl NodeRecord {
+    fn of(n: &Node, vocabulary: &Vocabulary) -> Self {
+        Self {
+            id: n.id.0,
+            label: vocabulary.label_name(n.label).to_owned(),
+            score: n.score,
+            centroid: n.bounds.centroid().coords.into(),
+            extent: n.bounds.extent().into(),
+            others: n.others.iter().map(|&(l, p)| (vocabulary.label_name(l).to_owned(), p)).collect(),
+            sightings: n.sightings,
+            misses: n.misses,
+            last_seen: n.last_seen,
+        }
+    }
+}
+
 impl GraphFile {
     /// Reads a graph file.
     ///
@@ -110,22 +130,7 @@ impl GraphFile {
             up: Some([0.0, 0.0, 1.0]),
             gravity_aligned: Some(true),
             world_from_recording: None,
-            nodes: graph
-                .nodes()
-                .map(|n| NodeRecord {
-                    id: n.id.0,
-                    label: vocabulary.label_name(n.label).to_owned(),
-                    score: n.score,
-                    centroid: n.bounds.centroid().coords.into(),
-                    extent: n.bounds.extent().into(),
-                    others: (n.others.iter())
-                        .map(|&(l, p)| (vocabulary.label_name(l).to_owned(), p))
-                        .collect(),
-                    sightings: n.sightings,
-                    misses: n.misses,
-                    last_seen: n.last_seen,
-                })
-                .collect(),
+            nodes: graph.nodes().map(|n| NodeRecord::of(n, vocabulary)).collect(),
             edges: graph
                 .edges()
                 .map(|e| EdgeRecord {
@@ -135,8 +140,28 @@ impl GraphFile {
                     score: e.score,
                 })
                 .collect(),
+            landmarks: Vec::new(),
             provenance: Value::Null,
         }
+    }
+
+    /// A file of the named part of a graph ([`SceneGraph::named`]); the other nodes are its landmarks.
+    #[must_use]
+    pub fn with_landmarks(graph: &SceneGraph, vocabulary: &Vocabulary, unnamed: Option<LabelId>, least: f32) -> Self {
+        let named = graph.named(unnamed, least);
+        let rest = graph.nodes().filter(|n| named.node(n.id).is_none());
+        let landmarks = rest.map(|n| NodeRecord::of(n, vocabulary)).collect();
+        Self { landmarks, ..Self::of_graph(&named, vocabulary) }
+    }
+
+    /// As [`Self::to_graph`], with the landmarks as nodes among the others.
+    ///
+    /// # Errors
+    /// As [`Self::to_graph`].
+    pub fn to_graph_with_landmarks(&self, vocabulary: &mut Vocabulary) -> Result<SceneGraph, Error> {
+        let mut all = self.clone();
+        all.nodes.append(&mut all.landmarks);
+        all.to_graph(vocabulary)
     }
 
     /// The graph of a file; names that the vocabulary lacks are added to it.

@@ -1,7 +1,7 @@
 //! `ma3dsg merge A B [C …]`: graph files folded in the order given.
 
 use super::say;
-use crate::files;
+use crate::{files, pipeline};
 use anyhow::{Context, Result};
 use graph_align::json::{GraphFile, pairs_line, row_major};
 use graph_align::{Outcome, Params, Query, RobustParams, Vocabulary, align, update};
@@ -29,22 +29,30 @@ pub(crate) struct Args {
 impl Args {
     pub(crate) fn run(self) -> Result<ExitCode> {
         let mut vocabulary = Vocabulary::default();
+        // Every node of the files is named; landmarks are when they become as sure as those.
+        let mut least = pipeline::MIN_CLASS;
         let mut loaded = Vec::new();
         for path in &self.graphs {
             let mut read = || -> Result<_> {
                 let file = GraphFile::parse(&files::read_text(path)?)?;
-                let graph = file.to_graph(&mut vocabulary)?;
+                let graph = file.to_graph_with_landmarks(&mut vocabulary)?;
+                least = file.nodes.iter().map(|n| n.score).fold(least, f32::min);
                 Ok((graph, file.gravity_aligned.unwrap_or(true), file.provenance))
             };
             loaded.push(read().with_context(|| format!("{}", path.display()))?);
         }
-        let params = Params { robust: RobustParams::for_vocabulary(&vocabulary), ..Params::default() };
+        let mut params = Params { robust: RobustParams::for_vocabulary(&vocabulary), ..Params::default() };
+        params.robust.named = least;
         let mut graph = loaded[0].0.clone();
         let mut merges = Vec::new();
         for (path, (query, up, _)) in self.graphs.iter().zip(&loaded).skip(1) {
             let prior = self.shared_frame.then(Isometry3::identity);
             let ask = Query { prior, gravity_aligned: *up && loaded[0].1, ..Query::new(query) };
-            let outcome = align(&graph, &ask, &params);
+            let mut outcome = align(&graph, &ask, &params);
+            if ask.gravity_aligned && matches!(outcome, Outcome::NoMatch { .. }) {
+                // An estimated up may be wrong: any rotation then.
+                outcome = align(&graph, &Query { gravity_aligned: false, ..ask }, &params);
+            }
             if let Outcome::Match(_) = &outcome {
                 graph = update(&graph, &ask, &outcome, &params);
             }
@@ -54,6 +62,8 @@ impl Args {
             }
             merges.push(json!({"file": path, "merge": value}));
         }
+        let all = graph;
+        let graph = all.named(params.robust.unnamed, least);
         let merged = merges.iter().filter(|m| m["merge"]["outcome"] == "match").count();
         let summary = format!(
             "{merged} of {} graphs merged: {} objects, {} relations",
@@ -68,7 +78,7 @@ impl Args {
             say(summary);
         }
         if let Some(out) = &self.out {
-            let mut file = GraphFile::of_graph(&graph, &vocabulary);
+            let mut file = GraphFile::with_landmarks(&all, &vocabulary, params.robust.unnamed, least);
             file.gravity_aligned = Some(loaded[0].1);
             file.provenance = json!({
                 "command": std::env::args().collect::<Vec<_>>().join(" "),

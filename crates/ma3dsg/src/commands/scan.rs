@@ -151,7 +151,14 @@ impl Args {
         let (graph, instances) = robot.graph(&mut vocabulary)?;
         let ms = (clock::cpu_seconds() - start) * 1e3;
         add_to_last_row(&mut csv, last_row, ms);
+        let all = robot.graph_with_landmarks(&mut vocabulary)?;
+        let unnamed = vocabulary.find_label(agent::NONE);
+        let landmarks = GraphFile::with_landmarks(&all, &vocabulary, unnamed, pipeline::MIN_CLASS).landmarks;
         let mut file = GraphFile::of_graph(&graph, &vocabulary);
+        // Numbered after the nodes.
+        let first = graph.nodes().last().map_or(0, |n| n.id.0 + 1);
+        file.landmarks = landmarks;
+        file.landmarks.iter_mut().zip(first..).for_each(|(l, id)| l.id = id);
         file.gravity_aligned = Some(up.is_some());
         file.world_from_recording =
             Some(row_major(&Isometry3::from_parts(nalgebra::Translation3::identity(), turn)));
