@@ -1,7 +1,7 @@
 //! Segments of a map as nodes: points, boxes, neighbours.
 
 use crate::Error;
-use graph_align::Box3;
+use graph_align::{Box3, Footprint};
 use gsm::{Map, SegmentId};
 use nalgebra::{Point3, UnitQuaternion, Vector3};
 
@@ -142,5 +142,36 @@ fn quantile_box(dense: &[(Point3<f32>, Vector3<f32>)]) -> Result<Box3, Error> {
         }
     }
     let centre = [0, 1, 2].map(|k| (lo[k] + hi[k]) / 2.0);
-    Ok(Box3::new(centre, [0, 1, 2].map(|k| hi[k] - lo[k]))?)
+    let bounds = Box3::new(centre, [0, 1, 2].map(|k| hi[k] - lo[k]))?;
+    Ok(bounds.with_footprint(tightest(dense, centre))?)
+}
+
+/// The smallest rectangle about a centre that holds all but a two-hundredth of the points on each
+/// side, over yaws in steps of five degrees.
+fn tightest(dense: &[(Point3<f32>, Vector3<f32>)], centre: [f32; 3]) -> Footprint {
+    let mut best = Footprint { sides: [0.0; 2], yaw: 0.0 };
+    let mut least = f32::MAX;
+    let stride = dense.len().div_ceil(256).max(1);
+    let mut reach: [Vec<f32>; 2] = Default::default();
+    for step in 0..18 {
+        let yaw = (step as f32 * 5.0).to_radians();
+        let (sin, cos) = yaw.sin_cos();
+        reach.iter_mut().for_each(Vec::clear);
+        for (p, _) in dense.iter().step_by(stride) {
+            let (x, y) = (p.x - centre[0], p.y - centre[1]);
+            reach[0].push((x * cos + y * sin).abs());
+            reach[1].push((y * cos - x * sin).abs());
+        }
+        let side = |v: &mut Vec<f32>| {
+            let k = v.len().saturating_sub(1 + v.len() / 100);
+            if v.is_empty() { 0.0 } else { 2.0 * *v.select_nth_unstable_by(k, f32::total_cmp).1 }
+        };
+        let sides = [side(&mut reach[0]), side(&mut reach[1])];
+        // A wall seen from one side has no area: its thickness must not decide alone.
+        let area = (sides[0] + 0.02) * (sides[1] + 0.02);
+        if area < least {
+            (least, best) = (area, Footprint { sides, yaw });
+        }
+    }
+    best
 }

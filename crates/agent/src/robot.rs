@@ -203,11 +203,7 @@ impl<'m> Robot<'m> {
     ) -> Result<(SceneGraph, BTreeMap<SegmentId, u64>), Error> {
         let set = self.nodes()?;
         let c = self.model.config();
-        let p = GraphParams {
-            multi: c.edge_scores == EdgeScores::Multi,
-            time: self.time,
-            ..params
-        };
+        let p = GraphParams { multi: c.edge_scores == EdgeScores::Multi, time: self.time, ..params };
         let (graph, of) =
             build_graph(&set, &self.scores(&set), &c.class_names, &c.predicate_names, vocabulary, &p)?;
         let instance = set.nodes.iter().zip(of).filter_map(|(n, id)| Some((n.id, id?.0)));

@@ -2,6 +2,7 @@
 
 use crate::Error;
 use nalgebra::{Isometry3, Point3, Vector3};
+use std::f32::consts::FRAC_PI_2;
 
 /// Coordinates beyond this are refused, metres.
 const MAX_COORDINATE: f32 = 1e6;
@@ -12,6 +13,33 @@ const MAX_COORDINATE: f32 = 1e6;
 pub struct Box3 {
     centroid: Point3<f32>,
     extent: Vector3<f32>,
+    footprint: Option<Footprint>,
+}
+
+/// The rectangle on the ground, about the centroid, that holds an object tighter than its axis-aligned
+/// box where the object is turned: what a change of frame goes by.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Footprint {
+    /// Side lengths, metres.
+    pub sides: [f32; 2],
+    /// Angle from x to the first side, radians, 0 to a quarter turn.
+    pub yaw: f32,
+}
+
+impl Footprint {
+    /// Half of the sides' extents along x and y after a turn.
+    fn half(&self, turn: f32) -> [f32; 2] {
+        let (sin, cos) = (self.yaw + turn).sin_cos();
+        let [l, w] = self.sides;
+        [(l * cos.abs() + w * sin.abs()) / 2.0, (l * sin.abs() + w * cos.abs()) / 2.0]
+    }
+
+    fn turned(&self, turn: f32) -> Self {
+        let quarters = ((self.yaw + turn) / FRAC_PI_2).floor();
+        let yaw = (self.yaw + turn - quarters * FRAC_PI_2).clamp(0.0, FRAC_PI_2);
+        let [l, w] = self.sides;
+        Self { sides: if quarters.rem_euclid(2.0) == 0.0 { [l, w] } else { [w, l] }, yaw }
+    }
 }
 
 impl Box3 {
@@ -28,7 +56,40 @@ impl Box3 {
         }
         // -0 would make equal boxes differ in their bytes.
         let plus = |v: [f32; 3]| v.map(|x| x + 0.0);
-        Ok(Self { centroid: plus(centroid).into(), extent: plus(extent).into() })
+        Ok(Self { centroid: plus(centroid).into(), extent: plus(extent).into(), footprint: None })
+    }
+
+    /// The same box with a footprint.
+    ///
+    /// # Errors
+    /// Sides that are negative or beyond 1e6 m, a yaw outside 0 to a quarter turn.
+    pub fn with_footprint(self, footprint: Footprint) -> Result<Self, Error> {
+        if footprint.sides.iter().any(|s| !(0.0..=MAX_COORDINATE).contains(s)) {
+            return Err(Error::value(
+                "footprint",
+                format!("{:?}, want sides of 0 to 1e6 m", footprint.sides),
+            ));
+        }
+        if !(0.0..=FRAC_PI_2).contains(&footprint.yaw) {
+            return Err(Error::value(
+                "footprint",
+                format!("yaw {}, want 0 to a quarter turn", footprint.yaw),
+            ));
+        }
+        Ok(Self { footprint: Some(footprint), ..self })
+    }
+
+    /// The footprint, if one is known.
+    #[must_use]
+    pub fn footprint(&self) -> Option<Footprint> {
+        self.footprint
+    }
+
+    /// Diagonal of the footprint, or of the box seen from above.
+    #[must_use]
+    pub fn ground_diagonal(&self) -> f32 {
+        let [l, w] = self.footprint.map_or([self.extent.x, self.extent.y], |f| f.sides);
+        l.hypot(w)
     }
 
     /// Centre.
@@ -83,18 +144,39 @@ impl Box3 {
     #[must_use]
     pub fn union(&self, other: &Self) -> Self {
         let (lo, hi) = (self.min().inf(&other.min()), self.max().sup(&other.max()));
-        Self { centroid: nalgebra::center(&lo, &hi), extent: hi - lo }
+        let centroid = nalgebra::center(&lo, &hi);
+        Self { centroid, extent: hi - lo, footprint: self.footprint_of_both(other, &centroid) }
     }
 
-    /// The box around this box after a rigid motion. Turning by anything but a multiple of 90
-    /// degrees makes it larger.
+    /// A footprint about a centre that holds those of both, along this one's sides.
+    pub(crate) fn footprint_of_both(&self, other: &Self, centre: &Point3<f32>) -> Option<Footprint> {
+        let (a, b) = (self.footprint?, other.footprint?);
+        let (sin, cos) = a.yaw.sin_cos();
+        let reach = |c: &Point3<f32>, half: [f32; 2]| {
+            let (dx, dy) = (c.x - centre.x, c.y - centre.y);
+            [(dx * cos + dy * sin).abs() + half[0], (dy * cos - dx * sin).abs() + half[1]]
+        };
+        let (p, q) = (reach(&self.centroid, a.half(-a.yaw)), reach(&other.centroid, b.half(-a.yaw)));
+        Some(Footprint { sides: [0, 1].map(|k| 2.0 * p[k].max(q[k])), yaw: a.yaw })
+    }
+
+    /// The box around this box after a rigid motion. A turn by anything but a multiple of 90 degrees
+    /// makes it larger, unless a footprint says how the object lies.
     #[must_use]
     pub fn transformed(&self, t: &Isometry3<f32>) -> Self {
         if *t == Isometry3::identity() {
             return *self;
         }
         let r = t.rotation.to_rotation_matrix();
-        let extent = r.matrix().abs() * self.extent;
-        Self { centroid: t * self.centroid, extent }
+        let mut extent = r.matrix().abs() * self.extent;
+        // Upright motions keep the footprint; others tilt it out of the ground.
+        let upright = r.matrix()[(2, 2)] > 0.9999;
+        let turn = r.matrix()[(1, 0)].atan2(r.matrix()[(0, 0)]);
+        let footprint = self.footprint.filter(|_| upright).map(|f| f.turned(turn));
+        if let Some(f) = footprint {
+            let [x, y] = f.half(0.0);
+            (extent.x, extent.y) = (extent.x.min(2.0 * x), extent.y.min(2.0 * y));
+        }
+        Self { centroid: t * self.centroid, extent, footprint }
     }
 }

@@ -1,7 +1,8 @@
 //! The scene graph: objects and what relates them.
 
-use crate::{Box3, Error, LabelId, PredicateId};
+use crate::{Box3, Error, Footprint, LabelId, PredicateId};
 use std::collections::{BTreeMap, BTreeSet};
+use std::f32::consts::FRAC_PI_2;
 
 /// Names a node within one graph.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -202,7 +203,8 @@ impl SceneGraph {
             let (c, e) = (n.bounds.centroid(), n.bounds.extent());
             // Rounding keeps numbers finite and sides non-negative, so the box stays valid.
             if let Ok(b) = Box3::new([c.x, c.y, c.z].map(cm), [e.x, e.y, e.z].map(cm)) {
-                n.bounds = b;
+                let footprint = n.bounds.footprint().map(quantise_footprint);
+                n.bounds = footprint.map_or(Ok(b), |f| b.with_footprint(f)).unwrap_or(b);
             }
             n.score = quantise_score(n.score);
             n.others.iter_mut().for_each(|o| o.1 = quantise_score(o.1));
@@ -211,6 +213,20 @@ impl SceneGraph {
         out.edges.values_mut().for_each(|s| *s = quantise_score(*s));
         out
     }
+}
+
+/// Steps of a quarter turn in frames.
+pub(crate) const YAW_STEPS: f32 = 255.0;
+
+pub(crate) fn quantise_footprint(f: Footprint) -> Footprint {
+    let cm = |v: f32| ((f64::from(v) * 100.0).round() / 100.0) as f32;
+    let step = (f.yaw / FRAC_PI_2 * YAW_STEPS).round();
+    Footprint { sides: f.sides.map(cm), yaw: yaw_of(step as u8) }
+}
+
+/// The yaw of a step.
+pub(crate) fn yaw_of(step: u8) -> f32 {
+    (f32::from(step) / YAW_STEPS * FRAC_PI_2).min(FRAC_PI_2)
 }
 
 pub(crate) fn quantise_score(s: f32) -> f32 {

@@ -1,7 +1,8 @@
 //! Graph files (`ma3dsg-graph/1`) and alignment cases (`align-case/2`), text to types and back.
 
 use crate::{
-    Box3, Edge, Error, LabelId, Looked, Match, Node, NodeId, Outcome, SceneGraph, Verdict, Vocabulary,
+    Box3, Edge, Error, Footprint, LabelId, Looked, Match, Node, NodeId, Outcome, SceneGraph, Verdict,
+    Vocabulary,
 };
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion};
 use serde::{Deserialize, Serialize};
@@ -53,6 +54,9 @@ pub struct NodeRecord {
     pub centroid: [f32; 3],
     /// Full side lengths, metres.
     pub extent: [f32; 3],
+    /// Sides and yaw of the footprint, metres and radians, where known.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub footprint: Option<[f32; 3]>,
     /// The next best classes and their probabilities.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub others: Vec<(String, f32)>,
@@ -101,6 +105,7 @@ impl NodeRecord {
             score: n.score,
             centroid: n.bounds.centroid().coords.into(),
             extent: n.bounds.extent().into(),
+            footprint: n.bounds.footprint().map(|f| [f.sides[0], f.sides[1], f.yaw]),
             others: n.others.iter().map(|&(l, p)| (vocabulary.label_name(l).to_owned(), p)).collect(),
             sightings: n.sightings,
             misses: n.misses,
@@ -147,7 +152,12 @@ impl GraphFile {
 
     /// A file of the named part of a graph ([`SceneGraph::named`]); the other nodes are its landmarks.
     #[must_use]
-    pub fn with_landmarks(graph: &SceneGraph, vocabulary: &Vocabulary, unnamed: Option<LabelId>, least: f32) -> Self {
+    pub fn with_landmarks(
+        graph: &SceneGraph,
+        vocabulary: &Vocabulary,
+        unnamed: Option<LabelId>,
+        least: f32,
+    ) -> Self {
         let named = graph.named(unnamed, least);
         let rest = graph.nodes().filter(|n| named.node(n.id).is_none());
         let landmarks = rest.map(|n| NodeRecord::of(n, vocabulary)).collect();
@@ -186,6 +196,10 @@ impl GraphFile {
                     format!("{}, want at most {}", n.others.len(), Node::MAX_OTHERS),
                 )));
             }
+            let bounds = Box3::new(n.centroid, n.extent).and_then(|b| match n.footprint {
+                Some([l, w, yaw]) => b.with_footprint(Footprint { sides: [l, w], yaw }),
+                None => Ok(b),
+            });
             let mut others = Vec::with_capacity(n.others.len());
             for (name, p) in &n.others {
                 others.push((vocabulary.label(name).map_err(at)?, p.clamp(0.0, 1.0)));
@@ -194,7 +208,7 @@ impl GraphFile {
                 id: NodeId(n.id),
                 label: vocabulary.label(&n.label).map_err(at)?,
                 score: n.score.clamp(0.0, 1.0),
-                bounds: Box3::new(n.centroid, n.extent).map_err(at)?,
+                bounds: bounds.map_err(at)?,
                 others,
                 sightings: n.sightings,
                 misses: n.misses,

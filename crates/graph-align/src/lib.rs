@@ -43,7 +43,7 @@ mod vocabulary;
 pub mod wire;
 
 pub use align::{Algorithm, Match, Outcome, Params, Query, Verdict, Why, align, align_indexed};
-pub use box3::Box3;
+pub use box3::{Box3, Footprint};
 pub use error::Error;
 pub use graph::{Edge, Node, NodeId, SceneGraph};
 pub use looked::Looked;

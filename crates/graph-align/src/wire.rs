@@ -1,25 +1,29 @@
 //! The frames in which observations travel: integers in columns, strict to decode.
 //!
 //! Layout (little-endian; `v` = LEB128 varint without padding, `z` = zigzag varint):
-//! magic `MSG2`, u8 flags (1: classes and misses, 2: looked), u32 vocabulary fingerprint, u16 agent, u16 epoch, v seq, v start (0.1 s),
+//! magic `MSG2`, u8 flags (1: classes and misses, 2: looked, 4: footprints), u32 vocabulary fingerprint, u16 agent, u16 epoch, v seq, v start (0.1 s),
 //! v duration (0.1 s), v frame, v nodes, v edges; node columns: id (first v, then v of the
 //! difference to the one before, at least 1), label v, score u8 (1/255), centroid x, y, z as z of
 //! the difference to the node before (cm), extent x, y, z as v (cm), sightings v, last_seen z
-//! relative to the end (0.1 s); with flag 1 also the number of other classes u8, their labels v and
+//! relative to the end (0.1 s); with flag 4 also 0, or 1 plus the
+//! first side and the second as v (cm) and the yaw u8 (1/255 of a quarter turn), node by node; with
+//! flag 1 the number of other classes u8, their labels v and
 //! scores u8 node by node, misses v; edge columns: subject's index as v of the difference to the one
 //! before, object's index v, predicate v, score u8; with flag 2 what was looked at: side of a
 //! cell v (cm), origin x, y, z as z (cm), smallest cell z each, size in cells v each, then one bit
 //! per cell, x fastest, lowest bit first, zeros to the end of the byte. `docs/wire.md` is normative.
 
-use crate::graph::quantise_score;
+use crate::graph::{YAW_STEPS, quantise_score, yaw_of};
 use crate::{
-    Box3, Edge, Error, Key, LabelId, Looked, Node, NodeId, Observation, PredicateId, SceneGraph, Vocabulary,
+    Box3, Edge, Error, Footprint, Key, LabelId, Looked, Node, NodeId, Observation, PredicateId, SceneGraph,
+    Vocabulary,
 };
 
 /// First bytes of every frame.
 pub const MAGIC: &[u8; 4] = b"MSG2";
 const EVIDENCE: u8 = 1;
 const LOOKED: u8 = 2;
+const FOOTPRINTS: u8 = 4;
 /// Most nodes of a frame.
 pub const MAX_NODES: usize = 1 << 16;
 /// Most edges of a frame.
@@ -39,7 +43,9 @@ pub fn encode(o: &Observation, vocabulary: &Vocabulary) -> Result<Vec<u8>, Error
     }
     let evidence = g.nodes().any(|n| !n.others.is_empty() || n.misses > 0);
     let mut w = MAGIC.to_vec();
-    w.push(if evidence { EVIDENCE } else { 0 } | if o.looked.is_some() { LOOKED } else { 0 });
+    let footprints = g.nodes().any(|n| n.bounds.footprint().is_some());
+    let flag = |is: bool, bit: u8| if is { bit } else { 0 };
+    w.push(flag(evidence, EVIDENCE) | flag(o.looked.is_some(), LOOKED) | flag(footprints, FOOTPRINTS));
     w.extend(vocabulary.fingerprint().to_le_bytes());
     w.extend(o.key.agent.to_le_bytes());
     w.extend(o.key.epoch.to_le_bytes());
@@ -49,6 +55,9 @@ pub fn encode(o: &Observation, vocabulary: &Vocabulary) -> Result<Vec<u8>, Error
     put(&mut w, g.len() as u64);
     put(&mut w, g.edges().len() as u64);
     put_nodes(&mut w, g, o.end_ds);
+    if footprints {
+        put_footprints(&mut w, g);
+    }
     if evidence {
         put_evidence(&mut w, g);
     }
@@ -92,6 +101,19 @@ fn put_evidence(w: &mut Vec<u8>, g: &SceneGraph) {
     g.nodes().for_each(|n| put(w, u64::from(n.misses)));
 }
 
+/// Of each node 0, or 1 and the sides, then the step of its yaw.
+fn put_footprints(w: &mut Vec<u8>, g: &SceneGraph) {
+    for n in g.nodes() {
+        let Some(f) = n.bounds.footprint() else {
+            w.push(0);
+            continue;
+        };
+        put(w, 1 + to_cm(f.sides[0]).unsigned_abs());
+        put(w, to_cm(f.sides[1]).unsigned_abs());
+        w.push((f.yaw / std::f32::consts::FRAC_PI_2 * YAW_STEPS).round() as u8);
+    }
+}
+
 fn put_looked(w: &mut Vec<u8>, l: &Looked) {
     put(w, to_cm(l.cell()).max(1) as u64);
     (0..3).for_each(|k| put_signed(w, to_cm(l.origin()[k])));
@@ -128,8 +150,8 @@ pub fn decode(bytes: &[u8], vocabulary: &Vocabulary) -> Result<Observation, Erro
         return Err(r.bad("no MSG2 frame"));
     }
     let [flags] = r.array()?;
-    if flags & !(EVIDENCE | LOOKED) != 0 {
-        return Err(r.bad(format!("flags {flags:#x}, want at most 3")));
+    if flags & !(EVIDENCE | LOOKED | FOOTPRINTS) != 0 {
+        return Err(r.bad(format!("flags {flags:#x}, want at most 7")));
     }
     let fingerprint = u32::from_le_bytes(r.array()?);
     if fingerprint != vocabulary.fingerprint() {
@@ -143,6 +165,9 @@ pub fn decode(bytes: &[u8], vocabulary: &Vocabulary) -> Result<Observation, Erro
     let (labels, predicates) = vocabulary.len();
     let mut graph = SceneGraph::default();
     let ids = r.nodes(n, labels, end_ds, &mut graph)?;
+    if flags & FOOTPRINTS != 0 {
+        r.footprints(&ids, &mut graph)?;
+    }
     if flags & EVIDENCE != 0 {
         r.evidence(&ids, labels, &mut graph)?;
     }
@@ -220,7 +245,7 @@ impl<'a> Reader<'a> {
 
     fn u32(&mut self) -> Result<u32, Error> {
         let v = self.varint()?;
-        u32::try_from(v).map_err(|_| self.bad(format!("{v}, want at most 32 bits")))
+        u32::try_from(v).map_err(|_| self.bad(format!("{v}, want at most 72 bits")))
     }
 
     /// A number of records of which each takes at least `size` bytes.
@@ -296,6 +321,26 @@ impl<'a> Reader<'a> {
         let v = self.varint()?;
         let id = u16::try_from(v).ok().filter(|&l| usize::from(l) < labels);
         id.map(LabelId).ok_or_else(|| self.bad(format!("label {v}, the vocabulary has {labels}")))
+    }
+
+    fn footprints(&mut self, ids: &[NodeId], graph: &mut SceneGraph) -> Result<(), Error> {
+        let mut any = false;
+        for id in ids {
+            let first = self.varint()?;
+            if first == 0 {
+                continue;
+            }
+            any = true;
+            let second = self.u32()?;
+            let [step] = self.array()?;
+            let first = u32::try_from(first - 1).map_err(|_| self.bad("a side beyond 32 bits"))?;
+            let sides = [first, second].map(|s| of_cm(i64::from(s)));
+            if let Some(n) = graph.node_mut(*id) {
+                let f = Footprint { sides, yaw: yaw_of(step) };
+                n.bounds = n.bounds.with_footprint(f).map_err(|e| self.bad(e.to_string()))?;
+            }
+        }
+        if any { Ok(()) } else { Err(self.bad("footprints without one")) }
     }
 
     fn evidence(&mut self, ids: &[NodeId], labels: usize, graph: &mut SceneGraph) -> Result<(), Error> {

@@ -51,7 +51,7 @@ impl Size {
     fn of(node: &Node) -> Self {
         let e = node.bounds.extent();
         let ln = |v: f32| v.max(0.03).ln();
-        Self { height: ln(e.z), foot: ln(e.x.hypot(e.y)), all: ln(e.norm()) }
+        Self { height: ln(e.z), foot: ln(node.bounds.ground_diagonal()), all: ln(e.norm()) }
     }
 }
 

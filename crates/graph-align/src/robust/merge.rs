@@ -215,7 +215,11 @@ fn combined(known: &Box3, seen: &Box3, slack: f32) -> Box3 {
     let (lo, hi) = (seen.min(), seen.max());
     let lo = lo.coords.zip_map(&known.min().coords, |s, k| k.clamp(s - slack, s));
     let hi = hi.coords.zip_map(&known.max().coords, |s, k| k.clamp(s, s + slack));
-    Box3::new(((lo + hi) / 2.0).into(), (hi - lo).into()).unwrap_or(*seen)
+    let Ok(b) = Box3::new(((lo + hi) / 2.0).into(), (hi - lo).into()) else { return *seen };
+    match seen.footprint_of_both(known, &b.centroid()) {
+        Some(f) => b.with_footprint(f).unwrap_or(b),
+        None => b,
+    }
 }
 
 fn add(graph: &mut SceneGraph, q: &Node, reference_from_query: &Isometry3<f32>) -> NodeId {

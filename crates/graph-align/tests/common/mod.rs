@@ -35,7 +35,7 @@ pub(crate) fn graph(n: usize) -> impl Strategy<Value = SceneGraph> {
                 id: NodeId(k as u64 * 7 + 3),
                 label: LabelId(label),
                 score: f32::from(score) / 255.0,
-                bounds,
+                bounds: if k % 3 == 0 { bounds } else { footprint(bounds, k) },
                 others: others.into_iter().map(|(l, s)| (LabelId(l), f32::from(s) / 255.0)).collect(),
                 sightings,
                 misses,
@@ -53,6 +53,13 @@ pub(crate) fn graph(n: usize) -> impl Strategy<Value = SceneGraph> {
         }
         g
     })
+}
+
+/// A box with a footprint on the grid of frames.
+fn footprint(b: Box3, k: usize) -> Box3 {
+    let e = b.extent();
+    let yaw = (k * 37 % 256) as f32 / 255.0 * std::f32::consts::FRAC_PI_2;
+    b.with_footprint(graph_align::Footprint { sides: [e.x, e.y], yaw }).expect("sides of a box")
 }
 
 /// The same graph under other ids, its nodes in another order.
