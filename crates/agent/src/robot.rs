@@ -4,7 +4,7 @@ use crate::fusion::Memory;
 use crate::{Error, GraphParams, NodeParams, NodeSet, Scores, build_graph};
 use graph_align::{Looked, SceneGraph, Vocabulary};
 use gsm::{DepthView, FrameReport, Map, SegmentEvent, SegmentId};
-use nalgebra::UnitQuaternion;
+use nalgebra::{UnitQuaternion, Vector3};
 use scan3r::Frame;
 use sgfn_infer::{Descriptor, EdgeScores, Features, Matrix, Model};
 use std::collections::BTreeMap;
@@ -66,6 +66,8 @@ pub struct Robot<'m> {
     frames: u32,
     time: f64,
     turn: UnitQuaternion<f32>,
+    /// Sum of the image's upward direction over frames, map frame.
+    camera_up: Vector3<f32>,
 }
 
 impl<'m> Robot<'m> {
@@ -90,6 +92,7 @@ impl<'m> Robot<'m> {
             frames: 0,
             time: 0.0,
             turn: UnitQuaternion::identity(),
+            camera_up: Vector3::zeros(),
         })
     }
 
@@ -98,6 +101,9 @@ impl<'m> Robot<'m> {
         self.frames += 1;
         self.time = frame.time;
         let report = integrate(&mut self.map, frame);
+        if let (Some(pose), None) = (&frame.world_from_camera, report.skipped) {
+            self.camera_up -= pose.rotation * Vector3::y();
+        }
         for event in &report.events {
             match *event {
                 SegmentEvent::Merged { from, into } => {
@@ -217,6 +223,13 @@ impl<'m> Robot<'m> {
     pub fn graph_with_landmarks(&self, vocabulary: &mut Vocabulary) -> Result<SceneGraph, Error> {
         let graph = GraphParams { unnamed: true, ..self.params.graph.clone() };
         Ok(self.graph_by(graph, vocabulary)?.0)
+    }
+
+    /// Up in the map's frame from the planes seen, for a camera held upright; `None` with too few
+    /// planes.
+    #[must_use]
+    pub fn estimate_up(&self) -> Option<Vector3<f32>> {
+        gsm::estimate_up_near(&self.map, &self.camera_up)
     }
 
     /// Turns nodes and graph from the map's frame into one whose z is up. Encodings and scores made

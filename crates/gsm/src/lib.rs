@@ -54,7 +54,7 @@ mod vote;
 pub use camera::{DepthView, Intrinsics, MAX_SIDE};
 pub use error::Error;
 pub use event::{Counts, FrameReport, SegmentEvent, SegmentId, Skip};
-pub use gravity::estimate_up;
+pub use gravity::{estimate_up, estimate_up_near};
 pub use map::{Map, Stage};
 pub use moments::{Moments, UNIT};
 pub use noise::{NoiseModel, Profile};

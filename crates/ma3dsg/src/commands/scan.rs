@@ -137,7 +137,7 @@ impl Args {
         noise: &str,
         (total, skipped): (usize, usize),
     ) -> Result<()> {
-        let up = if has_gravity { Some(Vector3::z()) } else { gsm::estimate_up(robot.map()) };
+        let up = if has_gravity { Some(Vector3::z()) } else { robot.estimate_up() };
         let turn = match up {
             Some(up) if !has_gravity => upright(&up),
             _ => UnitQuaternion::identity(),
