@@ -83,6 +83,9 @@ pub struct Match {
     pub verdicts: BTreeMap<NodeId, Verdict>,
     /// Reference nodes that are gone: the query's robot looked through their place.
     pub removed: Vec<NodeId>,
+    /// Structure without a counterpart at places that the query's robot looked at: walls do not vanish,
+    /// but a node that nobody sees again may never have been one.
+    pub unmet: Vec<NodeId>,
 }
 
 /// Why no place was found.

@@ -264,6 +264,7 @@ impl Folded {
                 margin: None,
                 verdicts: paper::verdicts(&c.graph, &gone.graph, &t, &params.paper),
                 removed: Vec::new(),
+                unmet: Vec::new(),
             },
         };
         c.merge(&query, Outcome::Match(m), &t, &gone.sightings, params);

@@ -143,6 +143,7 @@ pub(crate) fn align(reference: &SceneGraph, query: &Query<'_>, params: &PaperPar
         margin: None,
         verdicts,
         removed: Vec::new(),
+        unmet: Vec::new(),
     })
 }
 

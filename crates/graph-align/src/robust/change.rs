@@ -29,14 +29,20 @@ pub(super) fn describe(query: &Query<'_>, scene: &Scene<'_>, h: &Hypothesis, mar
     let pairs = found.pairs();
     let gone = looked_at(scene, h, &found.used);
     moved(scene, h, &gone, &mut found);
-    let removed: BTreeSet<NodeId> = gone.iter().map(|g| g.id).filter(|id| !found.used.contains(id)).collect();
+    let left: BTreeMap<NodeId, bool> = gone
+        .iter()
+        .filter(|g| !found.used.contains(&g.id))
+        .map(|g| (g.id, scene.params.structure.contains(&g.label)))
+        .collect();
+    let of = |structure: bool| left.iter().filter(|l| *l.1 == structure).map(|l| *l.0).collect();
     Match {
         reference_from_query: h.pose,
         pairs,
         score: h.evidence,
         margin,
         verdicts: found.verdicts,
-        removed: removed.into_iter().collect(),
+        removed: of(false),
+        unmet: of(true),
     }
 }
 

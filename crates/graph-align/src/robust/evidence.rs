@@ -3,8 +3,8 @@
 //!
 //! For a query node q and a reference node r at horizontal distance d and height difference h under
 //! the pose, the evidence is `ln L + ln S + ln G`:
-//! - L, labels: `s_q s_r / pi` for equal labels (scores s, share pi of the label in the reference),
-//!   else `(1 - s_q) s_r / (K pi_q) + (1 - s_r) s_q / (K pi_r)` with K labels;
+//! - L, labels: `sum p_q(c) p_r(c) / pi(c)` over the classes c that either names (probabilities p,
+//!   share pi of the class in the reference); classes that a node does not name share what is left;
 //! - S, sizes: a Gaussian of the log ratios of height and footprint against that of any two objects;
 //! - G, place: `exp(-d^2 / 2 s^2) / (2 pi s^2 rho)` with rho objects per square metre, and the same
 //!   for heights against objects of one kind, whose heights agree anyway.
@@ -152,13 +152,14 @@ impl Scene<'_> {
         label.ln() + place.ln() + (0.9 * high + 0.1).ln() + (0.8 * size + 0.2).ln()
     }
 
+    /// `sum p_q(c) p_r(c) / pi(c)` over the classes that either names.
     fn label_ratio(&self, q: &Item, r: &Item) -> f32 {
-        if q.label == r.label {
-            return q.score * r.score / self.index.share(q.label);
-        }
         let k = self.index.kinds();
-        (1.0 - q.score) * r.score / (k * self.index.share(q.label))
-            + (1.0 - r.score) * q.score / (k * self.index.share(r.label))
+        let mut sum = 0.0;
+        for c in q.classes().chain(r.classes().filter(|c| !q.classes().any(|o| o == *c))) {
+            sum += q.probability(c, k) * r.probability(c, k) / self.index.share(c);
+        }
+        sum.max(1e-3)
     }
 
     /// A pose as it is, without fitting it.

@@ -62,6 +62,8 @@ pub(super) struct Item {
     pub label: LabelId,
     /// Probability of the label, kept away from certainty.
     pub score: f32,
+    /// The next best classes; unused ones have probability 0.
+    pub others: [(LabelId, f32); Node::MAX_OTHERS],
     pub p: Point3<f32>,
     pub size: Size,
     pub bounds: Box3,
@@ -73,10 +75,33 @@ impl Item {
             id: node.id,
             label: node.label,
             score: node.score.clamp(0.05, 0.95),
+            others: std::array::from_fn(|k| node.others.get(k).copied().unwrap_or_default()),
             p: node.bounds.centroid(),
             size: Size::of(node),
             bounds: node.bounds,
         }
+    }
+
+    /// The classes that it names.
+    pub(super) fn classes(&self) -> impl Iterator<Item = LabelId> + '_ {
+        let others = self.others.iter().filter(|o| o.1 > 0.0).map(|o| o.0);
+        std::iter::once(self.label).chain(others)
+    }
+
+    /// Probability of a class; classes that are not listed share what is left.
+    pub(super) fn probability(&self, label: LabelId, kinds: f32) -> f32 {
+        if label == self.label {
+            return self.score;
+        }
+        let listed = self.others.iter().filter(|o| o.1 > 0.0);
+        let (mut rest, mut left) = (1.0 - self.score, kinds - 1.0);
+        for o in listed {
+            if o.0 == label {
+                return o.1;
+            }
+            (rest, left) = (rest - o.1, left - 1.0);
+        }
+        rest.max(0.02) / left.max(1.0)
     }
 
     /// An order by content; ids decide only between objects that equal each other.

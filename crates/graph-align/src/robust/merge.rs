@@ -14,7 +14,7 @@ const RIVAL: f32 = 0.12;
 /// what was done.
 ///
 /// Same and relabelled nodes gather classes and sightings; moved ones take the query's box and
-/// edges; nodes of `m.removed` count a miss and go when their sightings do not outweigh it.
+/// edges; nodes of `m.removed` and `m.unmet` count a miss and go when their sightings do not outweigh it.
 pub(crate) fn merge(
     graph: &mut SceneGraph,
     index: Option<&mut Index>,
@@ -23,7 +23,7 @@ pub(crate) fn merge(
     params: &RobustParams,
 ) -> Merged {
     let mut touched: BTreeSet<NodeId> = BTreeSet::new();
-    for &r in &m.removed {
+    for &r in m.removed.iter().chain(&m.unmet) {
         let Some(node) = graph.node_mut(r) else { continue };
         node.misses = node.misses.saturating_add(1);
         if node.misses >= patience(node, params) {
