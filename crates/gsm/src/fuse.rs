@@ -43,8 +43,8 @@ pub(crate) fn fuse(step: Step<'_>, association: &Association, votes: &Votes, sto
         hot.radius = hot.radius.min(radius(frame, frame.smooth[i], cos));
         cold.confidence = (cold.confidence + 1.0).min(CONFIDENCE_MAX);
         let ripe = !cold.stable && cold.confidence >= params.stable_sightings as f32;
-        cold.stable |= ripe;
         if ripe {
+            surfels.set_stable(m.surfel);
             segments.ripen(surfels, m.surfel);
         } else if (m.ahead * gain).abs() > 2.5e-4 || (now + m.surfel).is_multiple_of(8) {
             segments.follow(surfels, m.surfel);
