@@ -156,10 +156,12 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
+    type Element = (u32, Option<u32>);
+
     /// The definitions over elements and pairs of elements, without a table.
-    fn by_hand(list: &[(u32, Option<u32>)]) -> PartScores {
+    fn by_hand(list: &[Element]) -> PartScores {
         let n = list.len() as f64;
-        let count = |f: &dyn Fn(&(u32, Option<u32>)) -> bool| list.iter().filter(|e| f(e)).count() as f64;
+        let count = |f: &dyn Fn(&Element) -> bool| list.iter().filter(|e| f(e)).count() as f64;
         let mut gs: Vec<u32> = list.iter().map(|e| e.0).collect();
         let mut ss: Vec<Option<u32>> = list.iter().map(|e| e.1).collect();
         gs.sort_unstable();
