@@ -12,6 +12,8 @@ const HELP: &str = "cargo xtask COMMAND
   bench ARGS…   run the benchmark from a release build (see: cargo xtask bench --help)
   test          everything CI checks: fmt, clippy, arrows, tests, doctests, doc warnings
   train ARGS…   samples from generated rooms, training, weights (see: cargo xtask train --help)
+  fuzz gsm [--minutes M] [--seed N]
+                mutated inputs, checked maps; prints executions and behaviours
   arrows        check which crates may know which
 ";
 
@@ -23,6 +25,7 @@ fn main() -> ExitCode {
         "bench" => bench(&rest),
         "test" => test::run(),
         "train" => train::run(&rest),
+        "fuzz" => fuzz(&rest),
         "arrows" => arrows::check().map(|()| ExitCode::SUCCESS),
         _ => {
             eprint!("{HELP}");
@@ -43,6 +46,18 @@ fn main() -> ExitCode {
 fn bench(args: &[String]) -> Result<ExitCode> {
     let status = cargo(&["run", "--release", "--quiet", "-p", "ma3dsg", "--", "bench"])
         .args(args)
+        .status()
+        .context("cargo run")?;
+    Ok(ExitCode::from(u8::try_from(status.code().unwrap_or(1)).unwrap_or(1)))
+}
+
+/// The fuzzer of a crate, from a release build; its exit code is ours.
+fn fuzz(args: &[String]) -> Result<ExitCode> {
+    let Some(("gsm", rest)) = args.split_first().map(|(c, r)| (c.as_str(), r)) else {
+        bail!("fuzz: want the crate's name: gsm");
+    };
+    let status = cargo(&["run", "--release", "--quiet", "-p", "ma3dsg-gsm", "--example", "fuzz", "--"])
+        .args(rest)
         .status()
         .context("cargo run")?;
     Ok(ExitCode::from(u8::try_from(status.code().unwrap_or(1)).unwrap_or(1)))

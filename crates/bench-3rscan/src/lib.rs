@@ -17,6 +17,7 @@
 pub mod correspond;
 mod error;
 pub mod layout;
+pub mod parts;
 pub mod rates;
 #[cfg(feature = "systems")]
 pub mod render;

@@ -178,8 +178,19 @@ impl Clock {
     }
 
     fn print(&self, frames: usize) {
-        let names =
-            ["shrink", "links", "normals", "edges", "regions", "look", "associate", "vote", "fuse", "merge"];
+        let names = [
+            "shrink",
+            "look",
+            "predict",
+            "links",
+            "normals",
+            "edges",
+            "regions",
+            "associate",
+            "vote",
+            "fuse",
+            "merge",
+        ];
         let n = frames.max(1) as f64;
         let line: Vec<_> = names.iter().zip(self.stages).map(|(s, t)| format!("{s} {:.3}", t / n)).collect();
         println!("mean ms: {}", line.join(", "));

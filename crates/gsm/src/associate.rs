@@ -71,6 +71,8 @@ pub(crate) struct Association {
     pub(crate) matches: Vec<Match>,
     /// Per pixel the nearest matched surfel plus one, 0 = none.
     pub(crate) hit: Vec<u32>,
+    /// Its segment (slot plus one), 0 = none.
+    pub(crate) segment: Vec<u32>,
     /// Square of its distance from the pixel's point; `f32::MAX` = only strays, infinite = nothing there.
     hit_distance: Vec<f32>,
     /// Surfels that the frame speaks against, and how strongly.
@@ -101,6 +103,8 @@ impl Association {
         self.matches.clear();
         self.hit.clear();
         self.hit.resize(step.frame.z.len(), 0);
+        self.segment.clear();
+        self.segment.resize(step.frame.z.len(), 0);
         self.hit_distance.clear();
         self.hit_distance.resize(step.frame.z.len(), f32::INFINITY);
         let Some(lens) = Lens::new(step) else { return };
@@ -109,22 +113,28 @@ impl Association {
             for &block in &store.bricks.list[b as usize].blocks {
                 counts.visited += block.used.count_ones();
                 let first = block.first as usize;
-                let hot = &store.surfels.hot[first..first + BLOCK];
+                let Some(hot) = store.surfels.hot[first..].first_chunk::<BLOCK>() else { continue };
+                let unstable = store.surfels.flags(block.first).unstable;
+                let cold = &mut store.surfels.cold[first..first + BLOCK];
                 for (k, hot) in hot.iter().enumerate() {
                     if hot.radius <= 0.0 {
                         weeds |= hot.radius < 0.0;
                         continue;
                     }
                     let id = block.first + k as u32;
-                    match self.project(&lens, hot, id) {
-                        Sight::Seen => {
-                            store.surfels.cold[id as usize].seen = step.now;
-                            continue;
-                        }
-                        Sight::Doubt(doubt) => self.doubted.push((id, doubt)),
-                        Sight::Nothing => {}
+                    let spot = lens.project(hot);
+                    let sight = spot.map_or(Sight::Nothing, |spot| self.look(&lens, hot, &spot, id));
+                    if let Sight::Doubt(doubt) = sight {
+                        self.doubted.push((id, doubt));
                     }
-                    weeds |= timed_out(&store.surfels.cold[id as usize], step);
+                    // Only unstable ones time out; the bookkeeping of the others is left alone.
+                    if unstable >> k & 1 == 1 {
+                        if matches!(sight, Sight::Seen) {
+                            cold[k].seen = step.now;
+                        } else {
+                            weeds |= timed_out(&cold[k], step);
+                        }
+                    }
                 }
             }
             weeds |= self.doubt(store, counts);
@@ -166,19 +176,11 @@ impl Association {
         self.hit_distance[pixel] == f32::INFINITY
     }
 
+    /// What the pixel under a surfel says of it.
     #[inline]
-    fn project(&mut self, lens: &Lens<'_>, hot: &Hot, id: u32) -> Sight {
+    fn look(&mut self, lens: &Lens<'_>, hot: &Hot, spot: &Spot, id: u32) -> Sight {
         let Lens { frame, pose, params, .. } = *lens;
-        let p = pose.view(hot.position);
-        if p[2] < params.min_depth {
-            return Sight::Nothing;
-        }
-        let inverse = 1.0 / p[2];
-        let (u, v) = (lens.fx * p[0] * inverse + lens.cx, lens.fy * p[1] * inverse + lens.cy);
-        if !(u >= 0.0 && v >= 0.0 && u < lens.width && v < lens.height) {
-            return Sight::Nothing;
-        }
-        let (x, y) = (u as usize, v as usize);
+        let Spot { point: p, x, y } = *spot;
         let i = y * frame.width + x;
         let z = frame.z[i];
         if z == 0.0 {
@@ -213,9 +215,17 @@ impl Association {
         if distance < self.hit_distance[i] {
             self.hit_distance[i] = distance;
             self.hit[i] = id + 1;
+            self.segment[i] = hot.segment;
         }
         Sight::Seen
     }
+}
+
+/// Where a surfel falls: its point in the camera frame, its column and its row.
+struct Spot {
+    point: [f32; 3],
+    x: usize,
+    y: usize,
 }
 
 /// Camera constants of the projection, shifted by half a pixel so that truncation rounds to the nearest.
@@ -240,6 +250,23 @@ impl<'a> Lens<'a> {
         let (cx, cy) = (c.cx() + 0.5, c.cy() + 0.5);
         let raw = if frame.noise.independent { RAW } else { 0.0 };
         Some(Self { frame, pose, params, fx: c.fx(), fy: c.fy(), cx, cy, width, height, raw })
+    }
+
+    /// Projects a surfel; `None` outside the image.
+    #[inline]
+    fn project(&self, hot: &Hot) -> Option<Spot> {
+        let point = self.pose.view(hot.position);
+        if point[2] < self.params.min_depth {
+            return None;
+        }
+        let inverse = 1.0 / point[2];
+        let u = self.fx * point[0] * inverse + self.cx;
+        let v = self.fy * point[1] * inverse + self.cy;
+        (u >= 0.0 && v >= 0.0 && u < self.width && v < self.height).then_some(Spot {
+            point,
+            x: u as usize,
+            y: v as usize,
+        })
     }
 }
 

@@ -23,11 +23,10 @@ pub(crate) fn fuse(step: Step<'_>, association: &Association, votes: &Votes, sto
             continue;
         }
         if association.hit[i] != m.surfel + 1 && redundant(surfels, m.surfel, association.hit[i] - 1) {
-            let cold = &mut surfels.cold[m.surfel as usize];
-            cold.confidence = cold.confidence * 0.9 - 0.3;
-            if cold.confidence < 0.0 {
-                surfels.hot[m.surfel as usize].radius *= -1.0;
-            }
+            // Out of its segment at once, out of the brick at its next visit.
+            segments.relabel(surfels, m.surfel, 0);
+            surfels.cold[m.surfel as usize].confidence = -1.0;
+            surfels.hot[m.surfel as usize].radius *= -1.0;
             continue;
         }
         let hot = &mut surfels.hot[m.surfel as usize];
@@ -44,8 +43,8 @@ pub(crate) fn fuse(step: Step<'_>, association: &Association, votes: &Votes, sto
         hot.radius = hot.radius.min(radius(frame, frame.smooth[i], cos));
         cold.confidence = (cold.confidence + 1.0).min(CONFIDENCE_MAX);
         let ripe = !cold.stable && cold.confidence >= params.stable_sightings as f32;
-        cold.stable |= ripe;
         if ripe {
+            surfels.set_stable(m.surfel);
             segments.ripen(surfels, m.surfel);
         } else if (m.ahead * gain).abs() > 2.5e-4 || (now + m.surfel).is_multiple_of(8) {
             segments.follow(surfels, m.surfel);

@@ -82,15 +82,12 @@ impl Splits {
         self.cells.clear();
         self.region_pixels.clear();
         self.region_pixels.resize(votes.segment_of.len(), 0);
-        for (&hit, &region) in association.hit.iter().zip(&frame.label) {
-            if hit != 0 && region != 0 {
-                let i = hit as usize - 1;
-                if surfels.hot[i].segment == votes.segment_of[region as usize] {
-                    self.region_pixels[region as usize] += 1;
-                    let tag = surfels.cold[i].tag;
-                    if tag != 0 {
-                        self.cells.push((region, tag));
-                    }
+        for ((&hit, &segment), &region) in association.hit.iter().zip(&association.segment).zip(&frame.label)
+        {
+            if hit != 0 && region != 0 && segment == votes.segment_of[region as usize] {
+                self.region_pixels[region as usize] += 1;
+                if surfels.is_tagged(hit - 1) {
+                    self.cells.push((region, surfels.cold[hit as usize - 1].tag));
                 }
             }
         }
@@ -159,15 +156,16 @@ impl Splits {
     ) {
         for m in &association.matches {
             let region = frame.label[m.pixel as usize] as usize;
+            let tag = given[region];
+            if region == 0 || tag == 0 && !surfels.is_tagged(m.surfel) {
+                continue;
+            }
             let own = surfels.hot[m.surfel as usize].segment;
-            if region != 0 && own != 0 && own == votes.segment_of[region] {
-                let tag = given[region];
-                let cold = &mut surfels.cold[m.surfel as usize];
-                if tag != 0 {
-                    cold.tag = tag;
-                } else if cold.tag != 0 && !self.tags.contains_key(&cold.tag) {
-                    cold.tag = 0;
-                }
+            if own == 0 || own != votes.segment_of[region] {
+                continue;
+            }
+            if tag != 0 || !self.tags.contains_key(&surfels.cold[m.surfel as usize].tag) {
+                surfels.set_tag(m.surfel, tag);
             }
         }
     }
@@ -211,7 +209,7 @@ fn split(
     for id in parts {
         segments.relabel(surfels, id, slot + 1);
         surfels.cold[id as usize].label_confidence = CONFIDENCE;
-        surfels.cold[id as usize].tag = 0;
+        surfels.set_tag(id, 0);
     }
     votes.segment_of[region as usize] = slot + 1;
 }

@@ -18,7 +18,7 @@ pub(crate) struct Hot {
 pub(crate) struct Cold {
     /// Sightings less contradictions.
     pub(crate) confidence: f32,
-    /// Frame of the last sighting.
+    /// Frame of the last sighting as long as it was unstable.
     pub(crate) seen: u32,
     /// Position as counted in the segment's moments, 0.1 mm about the map's origin.
     pub(crate) counted: [i32; 3],
@@ -40,10 +40,21 @@ pub(crate) struct Block {
     pub(crate) used: u16,
 }
 
+/// What must be known of many surfels that are not otherwise touched: a bit per entry of a block.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Flags {
+    /// In use and not [stable](Cold::stable).
+    pub(crate) unstable: u16,
+    /// Its [tag](Cold::tag) is not 0.
+    pub(crate) tagged: u16,
+}
+
 #[derive(Debug, Default)]
 pub(crate) struct Surfels {
     pub(crate) hot: Vec<Hot>,
     pub(crate) cold: Vec<Cold>,
+    /// Per block, in the order of `hot`.
+    flags: Vec<Flags>,
     free_blocks: Vec<u32>,
     live: usize,
 }
@@ -77,6 +88,7 @@ impl Surfels {
         let id = block.first + bit;
         self.hot[id as usize] = hot;
         self.cold[id as usize] = cold;
+        self.mark(id, |f, bit| f.unstable |= if cold.stable { 0 } else { bit });
         self.live += 1;
         Some(id)
     }
@@ -97,6 +109,7 @@ impl Surfels {
         }
         self.hot.resize(first + BLOCK, Hot::default());
         self.cold.resize(first + BLOCK, Cold::default());
+        self.flags.resize(self.hot.len() / BLOCK, Flags::default());
         Some(first as u32)
     }
 
@@ -104,7 +117,38 @@ impl Surfels {
     pub(crate) fn remove(&mut self, id: u32) {
         self.hot[id as usize] = Hot::default();
         self.cold[id as usize] = Cold::default();
+        self.mark(id, |f, bit| {
+            f.unstable &= !bit;
+            f.tagged &= !bit;
+        });
         self.live -= 1;
+    }
+
+    /// Flags of the block that starts at an entry.
+    #[inline]
+    pub(crate) fn flags(&self, first: u32) -> Flags {
+        self.flags[first as usize / BLOCK]
+    }
+
+    #[inline]
+    fn mark(&mut self, id: u32, change: impl FnOnce(&mut Flags, u16)) {
+        change(&mut self.flags[id as usize / BLOCK], 1 << (id as usize % BLOCK));
+    }
+
+    #[inline]
+    pub(crate) fn is_tagged(&self, id: u32) -> bool {
+        self.flags[id as usize / BLOCK].tagged >> (id as usize % BLOCK) & 1 == 1
+    }
+
+    /// Sets the tag of a part that may be split off, 0 = none.
+    pub(crate) fn set_tag(&mut self, id: u32, tag: u32) {
+        self.cold[id as usize].tag = tag;
+        self.mark(id, |f, bit| f.tagged = if tag == 0 { f.tagged & !bit } else { f.tagged | bit });
+    }
+
+    pub(crate) fn set_stable(&mut self, id: u32) {
+        self.cold[id as usize].stable = true;
+        self.mark(id, |f, bit| f.unstable &= !bit);
     }
 
     /// Takes the empty blocks out of a brick.
@@ -125,6 +169,7 @@ impl Surfels {
     pub(crate) fn bytes(&self) -> usize {
         self.hot.capacity() * size_of::<Hot>()
             + self.cold.capacity() * size_of::<Cold>()
+            + self.flags.capacity() * size_of::<Flags>()
             + self.free_blocks.capacity() * 4
     }
 }

@@ -6,7 +6,6 @@ use crate::event::SegmentEvent;
 use crate::frame::{DOWN, Frame, RIGHT};
 use crate::segments::Segments;
 use crate::store::{Step, Store};
-use crate::surfels::Surfels;
 
 /// A pair of neighbouring pixels on two segments.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -36,8 +35,6 @@ pub(crate) struct Votes {
     /// Slots seen in this frame and the pixels of each.
     pub(crate) seen: Vec<u32>,
     pub(crate) pixels: Vec<u32>,
-    /// Per pixel slot + 1 of the surfel seen.
-    segment: Vec<u32>,
     /// Per slot its column in the table, valid where `stamp` is the current frame.
     column: Vec<u32>,
     stamp: Vec<u32>,
@@ -60,14 +57,14 @@ impl Votes {
     ) {
         let Step { frame, params, now, .. } = step;
         let segments = &mut store.segments;
-        self.see(association, &store.surfels, segments, now);
+        self.see(association, segments, now);
         let columns = self.seen.len();
         let regions = frame.region_size.len();
         self.table.clear();
         self.table.resize(regions * columns, 0);
         self.cores.clear();
         self.cores.resize(regions, 0);
-        for (i, &s) in self.segment.iter().enumerate() {
+        for (i, &s) in association.segment.iter().enumerate() {
             if frame.edge[i] != 0 {
                 continue;
             }
@@ -78,19 +75,15 @@ impl Votes {
             }
         }
         self.resolve(segments, params, now, events);
-        self.touch(frame);
+        self.touch(frame, &association.segment);
     }
 
-    fn see(&mut self, association: &Association, surfels: &Surfels, segments: &Segments, now: u32) {
+    fn see(&mut self, association: &Association, segments: &Segments, now: u32) {
         self.seen.clear();
         self.pixels.clear();
         self.column.resize(segments.slots.len(), 0);
         self.stamp.resize(segments.slots.len(), 0);
-        self.segment.clear();
-        self.segment.extend(
-            association.hit.iter().map(|&h| if h == 0 { 0 } else { surfels.hot[h as usize - 1].segment }),
-        );
-        for &s in &self.segment {
+        for &s in &association.segment {
             if s == 0 {
                 continue;
             }
@@ -155,36 +148,41 @@ impl Votes {
         }
     }
 
-    fn touch(&mut self, frame: &Frame) {
+    fn touch(&mut self, frame: &Frame, segment: &[u32]) {
         self.contacts.clear();
         self.seams.clear();
-        let w = frame.width;
-        for i in 0..self.segment.len() {
-            let a = self.segment[i];
-            if a == 0 {
-                continue;
-            }
-            for (bit, j) in [(RIGHT, i + 1), (DOWN, i + w)] {
-                if bit == RIGHT && (i + 1) % w == 0 || j >= self.segment.len() {
+        let (w, n) = (frame.width, segment.len());
+        for first in (0..n).step_by(w) {
+            for i in first..first + w {
+                let a = segment[i];
+                if a == 0 {
                     continue;
                 }
-                let b = self.segment[j];
-                let (la, lb) = (frame.label[i], frame.label[j]);
-                if a == b && la != lb && la != 0 && lb != 0 {
-                    let (sa, sb) = (self.segment_of[la as usize], self.segment_of[lb as usize]);
-                    if sa == a && sb == a {
-                        self.seams.push((la.min(lb), la.max(lb)));
-                    }
+                if i + 1 < first + w {
+                    self.meet(frame, RIGHT, [i, i + 1], [a, segment[i + 1]]);
                 }
-                if b == 0 || a == b || la == 0 || lb == 0 {
-                    continue;
+                if i + w < n {
+                    self.meet(frame, DOWN, [i, i + w], [a, segment[i + w]]);
                 }
-                let joined = la == lb && frame.links[i] & bit != 0;
-                self.contacts.push(Contact { pair: (a.min(b) - 1, a.max(b) - 1), joined });
             }
         }
         self.contacts.sort_unstable();
         self.seams.sort_unstable();
+    }
+
+    /// Notes what the segments `a`, `b` of two neighbouring pixels say.
+    #[inline]
+    fn meet(&mut self, frame: &Frame, bit: u8, [i, j]: [usize; 2], [a, b]: [u32; 2]) {
+        let (la, lb) = (frame.label[i], frame.label[j]);
+        if a == b && la == lb || b == 0 || la == 0 || lb == 0 {
+            return;
+        }
+        if a != b {
+            let joined = la == lb && frame.links[i] & bit != 0;
+            self.contacts.push(Contact { pair: (a.min(b) - 1, a.max(b) - 1), joined });
+        } else if self.segment_of[la as usize] == a && self.segment_of[lb as usize] == a {
+            self.seams.push((la.min(lb), la.max(lb)));
+        }
     }
 
     /// How far two slots seen in frame `now` are in one region: the sum over regions of the smaller of the shares of

@@ -4,6 +4,7 @@ mod align;
 mod bench;
 mod check;
 mod eval;
+mod eval_seg;
 mod export;
 mod infer;
 mod merge;
@@ -41,6 +42,8 @@ pub(crate) enum Command {
     Infer(infer::Args),
     /// The network on true instances of generated rooms, beside a tree on box sizes.
     EvalInstances(eval::Args),
+    /// The segmentation on generated rooms with truth, noise-free and noisy.
+    EvalSeg(eval_seg::Args),
     /// Write training samples from generated rooms.
     Samples(samples::Args),
 }
@@ -60,6 +63,7 @@ impl Command {
             Self::Fold(a) => a.run(),
             Self::Infer(a) => a.run(),
             Self::EvalInstances(a) => a.run(),
+            Self::EvalSeg(a) => a.run(),
             Self::Samples(a) => a.run(),
         }
     }

@@ -1,0 +1,245 @@
+//! `ma3dsg eval-seg`: the segmentation on generated rooms with truth, noise-free and with the sensor's noise.
+
+use super::say;
+use crate::pipeline;
+use crate::progress::Progress;
+use agent::NodeParams;
+use anyhow::{Context, Result};
+use bench_3rscan::Surface;
+use bench_3rscan::parts::{Overlaps, PartScores, boundary_recall};
+use gsm::{DepthView, Intrinsics, Map, Profile};
+use rayon::prelude::*;
+use room_synth::{SensorParams, Split, World, WorldParams};
+use scan3r::{Dataset, LabelSet};
+use serde::Serialize;
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// Depth samples over the visit from which an instance counts in the node curve.
+const SAMPLES: [u64; 6] = [500, 1000, 1500, 3000, 6000, 12_000];
+/// Boundaries are compared within so many pixels.
+const REACH: usize = 2;
+
+#[derive(clap::Args)]
+pub(crate) struct Args {
+    /// Which rooms.
+    #[arg(long, default_value = "test", value_parser = ["train", "validation", "test"])]
+    split: String,
+    /// Number of rooms; of each its first visit.
+    #[arg(long, default_value_t = 6)]
+    rooms: usize,
+    /// Seed.
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Write the figures as JSON.
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+}
+
+/// Figures of one room.
+#[derive(Serialize)]
+struct Room {
+    scan: String,
+    frames: usize,
+    surfels: usize,
+    segments: usize,
+    nodes: usize,
+    scores: PartScores,
+    /// Boundary pixels found within two pixels, and all.
+    boundary: [u64; 2],
+    /// Per class: stable surfels, surfels weighted by best overlap, instances of 1500 samples, nodes among them.
+    classes: BTreeMap<&'static str, [f64; 4]>,
+    /// Instances with at least so many samples, and those that a node stands for.
+    curve: Vec<[u64; 3]>,
+}
+
+#[derive(Serialize)]
+struct Condition {
+    name: &'static str,
+    /// Name of the noise profile.
+    profile: &'static str,
+    mean: PartScores,
+    boundary_recall: Option<f64>,
+    rooms: Vec<Room>,
+}
+
+impl Args {
+    pub(crate) fn run(self) -> Result<ExitCode> {
+        let split = Split::parse(&self.split).context("--split")?;
+        let conditions = [
+            ("clean", SensorParams::clean(), Profile::Ideal, "ideal"),
+            ("noisy", SensorParams::default(), Profile::TofPhone, "tof"),
+        ];
+        let progress = Progress::new("rooms", 2 * self.rooms as u64);
+        let mut all = Vec::new();
+        for (name, sensor, profile, profile_name) in conditions {
+            let params = WorldParams { rescans: false, sensor, ..WorldParams::default() };
+            let world = World::new(split, self.seed, self.rooms, &params);
+            let segmentation = pipeline::segmentation(profile);
+            let rooms: Vec<Room> = world
+                .rooms()
+                .par_iter()
+                .map(|room| {
+                    let figures = measure(&world, &room.reference, &segmentation);
+                    progress.step();
+                    figures
+                })
+                .collect::<Result<_>>()?;
+            let boundary = sum(rooms.iter().map(|r| r.boundary));
+            all.push(Condition {
+                name,
+                profile: profile_name,
+                mean: mean(&rooms),
+                boundary_recall: (boundary[1] > 0).then(|| boundary[0] as f64 / boundary[1] as f64),
+                rooms,
+            });
+        }
+        drop(progress);
+        say(format!("{} generated {} rooms, seed {}, first visits", self.rooms, split.name(), self.seed));
+        all.iter().for_each(print);
+        if let Some(file) = &self.json {
+            std::fs::write(file, serde_json::to_vec_pretty(&all)?)
+                .with_context(|| format!("{}", file.display()))?;
+        }
+        Ok(ExitCode::SUCCESS)
+    }
+}
+
+fn sum<const N: usize>(items: impl Iterator<Item = [u64; N]>) -> [u64; N] {
+    items.fold([0; N], |a, b| std::array::from_fn(|k| a[k] + b[k]))
+}
+
+fn mean(rooms: &[Room]) -> PartScores {
+    let of = |f: fn(&PartScores) -> f64| {
+        rooms.iter().map(|r| f(&r.scores)).sum::<f64>() / rooms.len().max(1) as f64
+    };
+    PartScores {
+        covering: of(|s| s.covering),
+        ari: of(|s| s.ari),
+        under_segmentation: of(|s| s.under_segmentation),
+        purity: of(|s| s.purity),
+        completeness: of(|s| s.completeness),
+    }
+}
+
+fn print(c: &Condition) {
+    let m = &c.mean;
+    say(format!(
+        "{} (profile {}): covering {:.3}  ARI {:.3}  under-segmentation {:.3}  boundary recall {}  purity {:.3}  completeness {:.3}",
+        c.name,
+        c.profile,
+        m.covering,
+        m.ari,
+        m.under_segmentation,
+        c.boundary_recall.map_or("-".to_owned(), |r| format!("{r:.3}")),
+        m.purity,
+        m.completeness
+    ));
+    for r in &c.rooms {
+        say(format!(
+            "  {}: {} frames, {} surfels, {} segments, {} nodes; covering {:.3} ARI {:.3} under-segmentation {:.3}",
+            r.scan,
+            r.frames,
+            r.surfels,
+            r.segments,
+            r.nodes,
+            r.scores.covering,
+            r.scores.ari,
+            r.scores.under_segmentation
+        ));
+    }
+    for (k, low) in SAMPLES.iter().enumerate() {
+        let [_, of, got] = sum(c.rooms.iter().map(|r| r.curve[k]));
+        say(format!(
+            "  instances with at least {low} depth samples: {got} of {of} became a node ({:.1} %)",
+            100.0 * got as f64 / of.max(1) as f64
+        ));
+    }
+    let mut classes: BTreeMap<&str, [f64; 4]> = BTreeMap::new();
+    for (name, v) in c.rooms.iter().flat_map(|r| &r.classes) {
+        let t = classes.entry(name).or_default();
+        t.iter_mut().zip(v).for_each(|(t, v)| *t += v);
+    }
+    for (name, [n, weighted, of, got]) in classes {
+        say(format!("  {name}: covering {:.3}, nodes {got:.0} of {of:.0}", weighted / n.max(1.0)));
+    }
+}
+
+/// Segments one visit and compares.
+fn measure(world: &World, scan: &str, segmentation: &gsm::Params) -> Result<Room> {
+    let mut map = Map::new(segmentation.clone())?;
+    let mut samples: BTreeMap<u32, u64> = BTreeMap::new();
+    let mut boundary = [0; 2];
+    let mut frames = 0;
+    for (frame, ids) in world.labelled_frames(scan, 0)? {
+        let Some(world_from_camera) = frame.world_from_camera else { continue };
+        let i = frame.intrinsics;
+        let intrinsics = Intrinsics::new(i.fx, i.fy, i.cx, i.cy, i.width, i.height)?;
+        for (&d, &id) in frame.depth.iter().zip(&ids) {
+            if d > 0.0 && id != 0 {
+                *samples.entry(id).or_default() += 1;
+            }
+        }
+        map.integrate(&DepthView { depth: &frame.depth, intrinsics, world_from_camera, time: frame.time });
+        frames += 1;
+        let (width, found) = map.frame_segments();
+        if width == i.width as usize {
+            let in_range = |d: f32| d >= segmentation.min_depth && d <= segmentation.max_depth;
+            let truth: Vec<_> = frame
+                .depth
+                .iter()
+                .zip(&ids)
+                .map(|(&d, &id)| (in_range(d) && id != 0).then_some(id))
+                .collect();
+            let found: Vec<_> = found.iter().map(|s| s.map(|s| s.0)).collect();
+            let (hit, all) = boundary_recall(width, &truth, &found, REACH);
+            boundary = [boundary[0] + hit, boundary[1] + all];
+        }
+    }
+    let surface = Surface::new(world.annotation(scan)?);
+    let mut overlaps = Overlaps::default();
+    let stable: Vec<_> = map.surfels().filter(|s| s.stable).collect();
+    for s in &stable {
+        if let Some(truth) = surface.instance_at(&s.position).filter(|&t| t != 0) {
+            overlaps.add(truth, s.segment.map(|s| s.0));
+        }
+    }
+    let p = NodeParams::default();
+    let nodes: BTreeSet<u32> = map
+        .segments()
+        .filter(|s| s.surfels() >= p.min_surfels && s.area() >= p.min_area)
+        .map(|s| s.id().0)
+        .collect();
+    let stood_for: BTreeSet<u32> =
+        overlaps.majority().into_iter().filter(|(s, _)| nodes.contains(s)).map(|(_, g)| g).collect();
+    let curve = SAMPLES.iter().map(|&low| {
+        let of = samples.iter().filter(|&(_, &n)| n >= low);
+        [low, of.clone().count() as u64, of.filter(|(id, _)| stood_for.contains(id)).count() as u64]
+    });
+    let mut classes: BTreeMap<&'static str, [f64; 4]> = BTreeMap::new();
+    let (sizes, iou) = (overlaps.parts(), overlaps.best_iou());
+    for (id, label) in &surface.annotation().labels {
+        let Some(class) = LabelSet::L20.class_of(label) else { continue };
+        let t = classes.entry(class).or_default();
+        if let (Some(&n), Some(iou)) = (sizes.get(id), iou.get(id)) {
+            t[0] += n as f64;
+            t[1] += n as f64 * iou;
+        }
+        if samples.get(id).is_some_and(|&n| n >= 1500) {
+            t[2] += 1.0;
+            t[3] += f64::from(u8::from(stood_for.contains(id)));
+        }
+    }
+    Ok(Room {
+        scan: scan.to_owned(),
+        frames,
+        surfels: stable.len(),
+        segments: map.segments().count(),
+        nodes: nodes.len(),
+        scores: overlaps.scores().unwrap_or_default(),
+        boundary,
+        classes,
+        curve: curve.collect(),
+    })
+}
