@@ -1,6 +1,7 @@
 //! Development commands of this workspace. Thin: it links none of our crates and spawns cargo.
 
 mod arrows;
+mod consumer;
 mod test;
 mod train;
 
@@ -14,6 +15,7 @@ const HELP: &str = "cargo xtask COMMAND
   train ARGS…   samples from generated rooms, training, weights (see: cargo xtask train --help)
   fuzz gsm [--minutes M] [--seed N]
                 mutated inputs, checked maps; prints executions and behaviours
+  consumer      package graph-align and run a program whose only dependency it is
   arrows        check which crates may know which
 ";
 
@@ -26,6 +28,7 @@ fn main() -> ExitCode {
         "test" => test::run(),
         "train" => train::run(&rest),
         "fuzz" => fuzz(&rest),
+        "consumer" => consumer::run(),
         "arrows" => arrows::check().map(|()| ExitCode::SUCCESS),
         _ => {
             eprint!("{HELP}");
