@@ -75,7 +75,7 @@ fn seen_again(g: &SceneGraph) -> Result<SceneGraph, Error> {
 fn observation(visit: usize, graph: SceneGraph) -> Observation {
     let (start, agent) = (visit as u32 * 500, (visit % 5) as u16);
     let key = Key { start_ds: start, agent, epoch: 0, seq: visit as u32 };
-    Observation { key, end_ds: start + 490, frame: 0, graph }
+    Observation { key, end_ds: start + 490, frame: 0, graph, looked: None }
 }
 
 fn describe(name: &str, outcome: &Outcome) {

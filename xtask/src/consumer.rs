@@ -23,7 +23,10 @@ fn main() -> Result<(), graph_align::Error> {
 /// Packages graph-align and builds and runs a program against the unpacked package.
 pub(crate) fn run() -> Result<ExitCode> {
     let target = PathBuf::from(std::env::var_os("CARGO_TARGET_DIR").unwrap_or_else(|| "target".into()));
-    must("package", &mut cargo(&["package", "--quiet", "--allow-dirty", "--no-verify", "-p", "graph-align"]))?;
+    must(
+        "package",
+        &mut cargo(&["package", "--quiet", "--allow-dirty", "--no-verify", "-p", "graph-align"]),
+    )?;
     let package = newest(&target.join("package"))?;
     let home = target.join("consumer");
     std::fs::create_dir_all(home.join("src")).context("target/consumer")?;
@@ -35,7 +38,10 @@ pub(crate) fn run() -> Result<ExitCode> {
     );
     std::fs::write(home.join("Cargo.toml"), manifest).context("manifest")?;
     std::fs::write(home.join("src/main.rs"), PROGRAM).context("program")?;
-    let out = cargo(&["run", "--quiet", "--manifest-path"]).arg(home.join("Cargo.toml")).output().context("cargo run")?;
+    let out = cargo(&["run", "--quiet", "--manifest-path"])
+        .arg(home.join("Cargo.toml"))
+        .output()
+        .context("cargo run")?;
     let said = String::from_utf8_lossy(&out.stdout);
     if said.trim() != "found" {
         bail!("the consumer said {said:?}\n{}", String::from_utf8_lossy(&out.stderr));

@@ -2,7 +2,7 @@
 
 use nalgebra::Point3;
 use scan3r::{Annotation, Frame};
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::BTreeMap;
 
 /// Side of a grid cell, metres: a little more than the spacing of vertices.
 const CELL: f32 = 0.04;
@@ -46,39 +46,45 @@ impl Surface {
     }
 
     fn fill(&mut self) {
-        let mut front = VecDeque::new();
+        let mut front = Vec::new();
         for v in 0..self.annotation.points.len() {
             // Vertices without an instance are background: they keep samples off their neighbours.
             if let Some(at) = self.cell_of(&self.annotation.points[v])
                 && self.nearest[at] == 0
             {
                 self.nearest[at] = v as u32 + 1;
-                front.push_back((at, 0_u8));
+                front.push(at);
             }
         }
         let strides = [1, self.size[0] as isize, (self.size[0] * self.size[1]) as isize];
-        // The first step goes round corners: a sample a hair off a vertex may lie in any of the 26
-        // cells round the vertex's own.
+        let straight: Vec<isize> = strides.iter().flat_map(|&s| [-s, s]).collect();
         let mut round = Vec::new();
         for k in -1..=1 {
             for j in -1..=1 {
                 round.extend((-1..=1).map(|i| i * strides[0] + j * strides[1] + k * strides[2]));
             }
         }
-        let straight: Vec<isize> = strides.iter().flat_map(|&s| [-s, s]).collect();
-        while let Some((at, steps)) = front.pop_front() {
-            let offsets = match steps {
-                0 => &round,
-                REACH => continue,
-                _ => &straight,
-            };
+        // A sample a hair off a vertex may lie in any of the 26 cells round the vertex's own; cells
+        // across a face come first, as they are nearer.
+        let mut first = self.spread(&front, &straight);
+        first.extend(self.spread(&front, &round));
+        for _ in 1..REACH {
+            first = self.spread(&first, &straight);
+        }
+    }
+
+    /// Gives free cells at these offsets from `cells` their vertices; the cells that got one.
+    fn spread(&mut self, cells: &[usize], offsets: &[isize]) -> Vec<usize> {
+        let mut got = Vec::new();
+        for &at in cells {
             for next in offsets.iter().filter_map(|&o| at.checked_add_signed(o)) {
                 if next < self.nearest.len() && self.nearest[next] == 0 {
                     self.nearest[next] = self.nearest[at];
-                    front.push_back((next, steps + 1));
+                    got.push(next);
                 }
             }
         }
+        got
     }
 
     fn cell_of(&self, p: &Point3<f32>) -> Option<usize> {

@@ -220,7 +220,12 @@ fn dynamic_truth_is_each_object_as_last_annotated() {
     let b = |id: u32| node(&t, id.into()).unwrap().bounds;
     assert!(close(&b(CHAIR), &room.box_of(&moved(&chair(), &motion))), "{:?}", b(CHAIR));
     assert!(close(&b(TABLE), &room.box_of(&table())));
-    assert!(close(&b(BED), &room.box_of(&block([1.0, 2.5, 0.4], [0.9, 0.6, 0.0]))), "absence is no removal");
+    assert!(
+        close(&b(BED), &room.box_of(&block([1.0, 2.5, 0.4], [0.9, 0.6, 0.0]))),
+        "absence is no removal: {:?} {:?}",
+        b(BED),
+        room.box_of(&block([1.0, 2.5, 0.4], [0.9, 0.6, 0.0]))
+    );
 }
 
 #[test]

@@ -1,9 +1,14 @@
 //! Classes of a warehouse, with racks as structure: `cargo run -p graph-align --example own_vocabulary`.
 
-use graph_align::{Box3, Error, Node, NodeId, Outcome, Params, Query, RobustParams, SceneGraph, Vocabulary, align};
+#![allow(clippy::print_stdout, reason = "an example")]
+
+use graph_align::{
+    Box3, Error, Node, NodeId, Outcome, Params, Query, RobustParams, SceneGraph, Vocabulary, align,
+};
 
 fn main() -> Result<(), Error> {
-    let names = Vocabulary::new(["rack", "pallet", "forklift", "charger", "bin"], ["stands on", "stands in"])?;
+    let names =
+        Vocabulary::new(["rack", "pallet", "forklift", "charger", "bin"], ["stands on", "stands in"])?;
     let label = |name: &str| names.find_label(name).unwrap_or_default();
     let objects = [
         ("rack", 0.0, 0.0, 8.0),

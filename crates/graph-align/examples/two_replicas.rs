@@ -1,10 +1,19 @@
 //! Two robots hear each other's observations in different orders and end with the same graph:
 //! `cargo run -p graph-align --example two_replicas`.
 
-use graph_align::{Box3, Error, Key, Node, NodeId, Observation, Params, Replica, RobustParams, SceneGraph, Vocabulary};
+#![allow(clippy::print_stdout, reason = "an example")]
+
+use graph_align::{
+    Box3, Error, Key, Node, NodeId, Observation, Params, Replica, RobustParams, SceneGraph, Vocabulary,
+};
 
 /// What a robot saw of a row of objects, from a frame that is `shift` metres off.
-fn seen(agent: u16, labels: &[(&str, f32, f32)], shift: f32, names: &mut Vocabulary) -> Result<Observation, Error> {
+fn seen(
+    agent: u16,
+    labels: &[(&str, f32, f32)],
+    shift: f32,
+    names: &mut Vocabulary,
+) -> Result<Observation, Error> {
     let mut graph = SceneGraph::default();
     for (k, (label, x, y)) in labels.iter().enumerate() {
         let id = NodeId(u64::from(agent) << 32 | k as u64);
