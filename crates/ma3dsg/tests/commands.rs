@@ -59,7 +59,10 @@ fn bench_writes_what_the_contract_asks_and_shards_resume() {
         }
     }
     let by = |system: &str| rows.iter().find(|r| r["system"] == system && r["domain"] == 2).unwrap().clone();
-    assert_eq!(by("ma3dsg")["graph_hash"], by("ma3dsg-paper")["graph_hash"], "an alias until robust exists");
+    for system in ["ma3dsg", "ma3dsg-paper", "ma3dsg-append"] {
+        assert_eq!(by(system)["replicas_equal"], true, "{system}");
+    }
+    assert_ne!(by("ma3dsg")["graph_hash"], by("ma3dsg-append")["graph_hash"], "nothing was aligned");
     let f1 = |system: &str| by(system)["object"]["f1"].as_f64().unwrap();
     assert!(f1("ceiling-oracle-labels") > f1("sgfn") && f1("sgfn") > f1("majority"));
     for f in ["report.md", "report.html", "truth/scp-2-6.json"] {
