@@ -54,6 +54,8 @@ pub struct Replica {
 pub struct Component {
     /// In the frame of its oldest observation.
     pub graph: SceneGraph,
+    /// The frame of its oldest observation, in which the graph stands.
+    pub root: u32,
     /// `component_from_frame` of every frame in it.
     pub frames: BTreeMap<u32, Isometry3<f32>>,
     /// Of `graph`, for the robust algorithm.
@@ -65,7 +67,7 @@ pub struct Component {
 impl PartialEq for Component {
     /// The index follows from the graph.
     fn eq(&self, other: &Self) -> bool {
-        self.graph == other.graph && self.frames == other.frames
+        self.graph == other.graph && self.root == other.root && self.frames == other.frames
     }
 }
 
@@ -148,19 +150,13 @@ impl Component {
         };
         let sightings = Sightings::of(o);
         let frames = BTreeMap::from([(o.frame, Isometry3::identity())]);
-        let mut new = Self { graph, frames, index, sightings };
+        let mut new = Self { graph, root: o.frame, frames, index, sightings };
         if params.algorithm == Algorithm::Robust {
             let all = new.graph.nodes().map(|n| n.id).collect();
             let joined = robust::merge::join_parts(&mut new.graph, &mut new.index, &all, &params.robust);
             new.sightings.join(&joined);
         }
         new
-    }
-
-    /// The frame in which the graph stands.
-    #[must_use]
-    pub fn root(&self) -> Option<u32> {
-        self.frames.iter().find(|(_, t)| **t == Isometry3::identity()).map(|(f, _)| *f)
     }
 
     fn align(&self, query: &Query<'_>, params: &Params) -> Outcome {
@@ -203,7 +199,7 @@ impl Component {
     fn refined(&self, params: &Params) -> BTreeMap<u32, Isometry3<f32>> {
         let objects =
             |id: NodeId| self.graph.node(id).is_some_and(|n| !params.robust.structure.contains(&n.label));
-        self.sightings.fit(&self.frames, objects)
+        self.sightings.fit(self.root, &self.frames, objects)
     }
 }
 
@@ -275,8 +271,7 @@ impl Folded {
     pub fn frames(&self, params: &Params) -> BTreeMap<u32, (u32, Isometry3<f32>)> {
         let mut out = BTreeMap::new();
         for c in &self.components {
-            let Some(root) = c.root() else { continue };
-            out.extend(c.refined(params).into_iter().map(|(f, t)| (f, (root, t))));
+            out.extend(c.refined(params).into_iter().map(|(f, t)| (f, (c.root, t))));
         }
         out
     }

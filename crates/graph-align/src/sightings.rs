@@ -40,11 +40,12 @@ impl Sightings {
         }
     }
 
-    /// Frames that bring the sightings of each object together: in turn, every frame but the one at
-    /// the identity is fitted by weighted least squares to where the other frames see its objects.
+    /// Frames that bring the sightings of each object together: in turn, every frame but the root is
+    /// fitted by weighted least squares to where the other frames see its objects.
     /// Frames without common objects stay.
     pub(crate) fn fit(
         &self,
+        root: u32,
         frames: &BTreeMap<u32, Isometry3<f32>>,
         objects: impl Fn(NodeId) -> bool,
     ) -> BTreeMap<u32, Isometry3<f32>> {
@@ -56,10 +57,7 @@ impl Sightings {
             .collect();
         let mut out = frames.clone();
         for _ in 0..ROUNDS {
-            for (frame, start) in frames {
-                if *start == Isometry3::identity() {
-                    continue;
-                }
+            for frame in frames.keys().filter(|f| **f != root) {
                 let points = correspondences(&common, *frame, &out);
                 if points.len() >= 3 {
                     out.insert(*frame, fit::rigid(&points, true));

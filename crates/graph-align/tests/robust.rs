@@ -10,8 +10,8 @@ mod rooms;
 
 use common::{is_sound, renamed};
 use graph_align::{
-    Box3, Index, LabelId, Match, Node, NodeId, Outcome, Params, Query, SceneGraph, Verdict, align, robust,
-    update,
+    Box3, Index, Key, LabelId, Match, Node, NodeId, Observation, Outcome, Params, Query, Replica, SceneGraph,
+    Verdict, align, robust, update,
 };
 use nalgebra::{Isometry3, Point3};
 use proptest::prelude::*;
@@ -329,4 +329,27 @@ fn changes_need_a_look() {
     assert_eq!(m.removed, [NodeId(3)]);
     let blind = align(&reference, &Query::new(&query), &Params::default());
     assert!(matched(&blind).expect("known").removed.is_empty());
+}
+
+/// What a hostile frame may hold: thousands of nodes on one spot, walls that span kilometres. It folds
+/// twice within bounded work and memory; without bounds this test would not end.
+#[test]
+fn crowds_and_giants_do_not_hang_a_fold() {
+    for (label, side) in [(0, 0.5), (0, 1e6), (1, 1e6)] {
+        let mut replica = Replica::default();
+        for agent in 0..2 {
+            let mut graph = SceneGraph::default();
+            for k in 0..4000_u64 {
+                let bounds = Box3::new([1.0, 1.0, 1.0], [side; 3]).unwrap();
+                graph.insert_node(Node::new(NodeId(u64::from(agent) << 32 | k), LabelId(label), bounds));
+            }
+            let key = Key { start_ds: u32::from(agent), agent, epoch: 0, seq: 0 };
+            let looked = Some(looked_around(Point3::origin(), 3.0));
+            replica.apply(Observation { key, end_ds: 9, frame: 0, graph, looked }).unwrap();
+        }
+        let mut params = Params::default();
+        params.robust.structure = vec![LabelId(1)];
+        let folded = replica.fold(&params);
+        assert!(is_sound(&folded.main_graph()) && !folded.main_graph().is_empty());
+    }
 }

@@ -210,8 +210,7 @@ fn in_domain(plan: &Plan, folded: &Folded, p: &MultiParams<'_>) -> SceneGraph {
         return SceneGraph::default();
     };
     let visit_of = |frame: u32| plan.visits.iter().find(|v| p.frames.number(v) == frame);
-    let oldest = main.frames.iter().find(|(_, t)| **t == Isometry3::identity()).map_or(0, |(f, _)| *f);
-    let t = visit_of(oldest)
+    let t = visit_of(main.root)
         .filter(|_| matches!(p.mode, FramesMode::Unknown | FramesMode::UnknownVisit))
         .map_or_else(Isometry3::identity, |v| p.frames.frame_from_domain(v).inverse());
     let mut graph = graph_align::append(&SceneGraph::default(), &main.graph, &t);

@@ -1,5 +1,6 @@
 //! What became of every node, given a pose.
 
+use super::Work;
 use super::evidence::{Hypothesis, Scene};
 use super::index::Item;
 use crate::{Box3, Match, NodeId, Query, Verdict};
@@ -13,6 +14,11 @@ const GROWN: f32 = 0.1;
 /// Smallest share of the smaller of two boxes that both have: structure, and objects whose centres
 /// are farther apart than noise explains because different parts of them were seen.
 const SHARED: (f32, f32) = (0.4, 0.6);
+/// Pairs of nodes that are compared: a bound for frames that hold thousands of nodes on one spot, far
+/// beyond any furnished place. What is left is new.
+const MOST_PAIRS: u64 = 1 << 22;
+/// Half of the longest object that is looked for beyond the gate, metres.
+const LONGEST: f32 = 10.0;
 /// Log-size differences up to which two objects may be one that moved: height, footprint.
 const MOVED_SIZE: (f32, f32) = (0.3, 0.35);
 /// Farthest move that is looked for, metres.
@@ -24,11 +30,12 @@ pub(super) fn describe(query: &Query<'_>, scene: &Scene<'_>, h: &Hypothesis, mar
         verdicts: query.graph.nodes().map(|n| (n.id, Verdict::New)).collect(),
         used: BTreeSet::new(),
     };
-    at_rest(scene, h, &mut found);
-    structure(query, scene, h, &mut found);
+    let mut work = Work::new(MOST_PAIRS);
+    at_rest(scene, h, &mut found, &mut work);
+    structure(query, scene, h, &mut found, &mut work);
     let pairs = found.pairs();
     let gone = looked_at(scene, h, &found.used);
-    moved(scene, h, &gone, &mut found);
+    moved(scene, h, &gone, &mut found, &mut work);
     let left: BTreeMap<NodeId, bool> = gone
         .iter()
         .filter(|g| !found.used.contains(&g.id))
@@ -73,14 +80,20 @@ impl Found {
 }
 
 /// Objects that stand where they stood, one-to-one: of equal labels first, then of others.
-fn at_rest(scene: &Scene<'_>, h: &Hypothesis, found: &mut Found) {
+fn at_rest(scene: &Scene<'_>, h: &Hypothesis, found: &mut Found, work: &mut Work) {
     let gate = (AT_REST.0 + AT_REST.1 * h.sigma).min(0.7);
     let mut pairs = Vec::new();
     for q in scene.query {
+        if work.exhausted {
+            break;
+        }
         let there = q.bounds.transformed(&h.pose);
         let p = there.centroid();
         let half = half_longest(&there);
         scene.index.near(&p, gate.max(half), |_, r| {
+            if !work.spend(1) {
+                return;
+            }
             let distance = (p - r.p).norm();
             let same = q.label == r.label;
             let fits = if same {
@@ -110,7 +123,7 @@ fn at_rest(scene: &Scene<'_>, h: &Hypothesis, found: &mut Found) {
 }
 
 fn half_longest(b: &Box3) -> f32 {
-    b.extent().max() / 2.0
+    (b.extent().max() / 2.0).min(LONGEST)
 }
 
 /// Sizes that two views of one object may have.
@@ -120,11 +133,17 @@ fn similar(scene: &Scene<'_>, q: &Item, r: &Item) -> bool {
 
 /// Walls, floors and ceilings by the share of their boxes that both have: a part lies within the
 /// whole.
-fn structure(query: &Query<'_>, scene: &Scene<'_>, h: &Hypothesis, found: &mut Found) {
+fn structure(query: &Query<'_>, scene: &Scene<'_>, h: &Hypothesis, found: &mut Found, work: &mut Work) {
     let mut pairs = Vec::new();
     for q in query.graph.nodes().filter(|n| scene.params.structure.contains(&n.label)) {
+        if work.exhausted {
+            break;
+        }
         let there = q.bounds.transformed(&h.pose);
         scene.index.structure_near(&there, |_, r| {
+            if !work.spend(1) {
+                return;
+            }
             let share = shared(&there, &r.bounds, GROWN);
             if r.label == q.label && share > SHARED.0 {
                 pairs.push((there.distance(&r.bounds) * (1.5 - share), Item::of(q), *r));
@@ -166,9 +185,12 @@ fn looked_at(scene: &Scene<'_>, h: &Hypothesis, used: &BTreeSet<NodeId>) -> Vec<
 
 /// Objects that are gone from one place and turn up at another: same label, same size, the most
 /// alike and nearest first.
-fn moved(scene: &Scene<'_>, h: &Hypothesis, gone: &[Item], found: &mut Found) {
+fn moved(scene: &Scene<'_>, h: &Hypothesis, gone: &[Item], found: &mut Found, work: &mut Work) {
     let mut pairs = Vec::new();
     for q in scene.query.iter().filter(|q| found.is_new(q.id)) {
+        if !work.spend(gone.len() as u64) {
+            break;
+        }
         let p = h.pose * q.p;
         // Structure is in no pair of equal labels: the query's objects are none.
         for r in gone.iter().filter(|r| r.label == q.label) {

@@ -14,8 +14,7 @@
 
 use super::index::{Index, Item};
 use super::{RobustParams, Work};
-use crate::Looked;
-use crate::fit;
+use crate::{Looked, Query, fit};
 use nalgebra::{Isometry3, Point3};
 use std::collections::BTreeSet;
 
@@ -48,12 +47,21 @@ pub(super) struct Hypothesis {
     pub pairs: Vec<Pair>,
     /// Sum of the evidence of the pairs less what is missing, natural log.
     pub evidence: f32,
+    /// What is known of the frames beside the graphs adds this where poses are compared.
+    pub preference: f32,
     /// Noise of the pairs' centroids, metres per axis.
     pub sigma: f32,
     /// Query nodes without a pair at places that the reference knows.
     pub query_missing: usize,
     /// Reference nodes without a pair at places that the query saw.
     pub reference_missing: usize,
+}
+
+impl Hypothesis {
+    /// By what poses are put in order.
+    pub(super) fn rank(&self) -> f32 {
+        self.evidence + self.preference
+    }
 }
 
 /// What all hypotheses of one search share.
@@ -68,7 +76,23 @@ pub(super) struct Scene<'a> {
     pub params: &'a RobustParams,
 }
 
-impl Scene<'_> {
+impl<'a> Scene<'a> {
+    pub(super) fn new(
+        index: &'a Index,
+        items: &'a [Item],
+        query: &Query<'a>,
+        params: &'a RobustParams,
+    ) -> Self {
+        Self {
+            index,
+            query: items,
+            looked: query.looked,
+            mirrored: false,
+            upright: query.gravity_aligned,
+            params,
+        }
+    }
+
     /// Matches, fits, and matches again with narrower gates.
     pub(super) fn refine(&self, pose: &Isometry3<f32>, work: &mut Work) -> Option<Hypothesis> {
         let mut pose = *pose;
@@ -174,6 +198,7 @@ impl Scene<'_> {
             pose: *pose,
             pairs: Vec::new(),
             evidence: f32::MIN,
+            preference: 0.0,
             sigma,
             query_missing: 0,
             reference_missing: 0,
@@ -215,7 +240,8 @@ impl Scene<'_> {
         let reference_missing = in_view.difference(&matched_r).count();
         let gained: f32 = pairs.iter().map(|p| p.evidence).sum();
         let lost = self.params.missing * (query_missing + reference_missing) as f32;
-        Some(Hypothesis { pose, pairs, evidence: gained - lost, sigma, query_missing, reference_missing })
+        let evidence = gained - lost;
+        Some(Hypothesis { pose, pairs, evidence, preference: 0.0, sigma, query_missing, reference_missing })
     }
 
     /// Reference objects in the surroundings of the query.

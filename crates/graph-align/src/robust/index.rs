@@ -11,6 +11,12 @@ const CELL: f32 = 1.25;
 /// Width of the bins of pair distances, horizontal and vertical, metres.
 pub(super) const BIN: f32 = 0.3;
 
+/// Nodes of one cell that are looked at, neighbours with which a node is paired, pairs of one bin that
+/// are kept: far beyond any furnished place. Frames from elsewhere may put 65,536 nodes on one spot.
+const PER_CELL: usize = 64;
+const NEIGHBOURS: usize = 192;
+const PER_BIN: usize = 1 << 13;
+
 /// The hash of keys that are well spread by one multiplication.
 #[derive(Default)]
 struct Mix(u64);
@@ -119,7 +125,8 @@ impl Item {
 /// Objects of a reference by place, and its labelled pairs by distance.
 ///
 /// It can be kept beside a growing graph: [`Self::insert`] and [`Self::remove`] cost some
-/// microseconds per node. Structure ([`RobustParams::structure`]) is in no pair.
+/// microseconds per node. Structure ([`RobustParams::structure`]) is in no pair. Of crowds beyond any
+/// furnished place only a part is looked at, so that time and memory stay bounded.
 #[derive(Clone, Debug, Default)]
 pub struct Index {
     range: f32,
@@ -150,7 +157,10 @@ impl Index {
     #[must_use]
     pub fn of(graph: &SceneGraph, params: &RobustParams) -> Self {
         let mut index = Self::new(params);
-        graph.nodes().for_each(|n| index.insert(n));
+        // In an order of content, so that ids do not decide what is kept of a crowd.
+        let mut nodes: Vec<(Item, &Node)> = graph.nodes().map(|n| (Item::of(n), n)).collect();
+        nodes.sort_by(|a, b| a.0.order(&b.0));
+        nodes.iter().for_each(|(_, n)| index.insert(n));
         index
     }
 
@@ -158,28 +168,32 @@ impl Index {
     pub fn insert(&mut self, node: &Node) {
         self.remove(node.id);
         let item = Item::of(node);
-        let mut near = Vec::new();
-        self.near(&item.p, self.range, |slot, other| near.push((slot, *other)));
+        let structure = self.structure.contains(&item.label);
+        let near = if structure { Vec::new() } else { self.neighbours(&item) };
         let slot = self.free.pop().unwrap_or(self.items.len() as u32);
         if slot as usize == self.items.len() {
             self.items.push(None);
         }
         self.items[slot as usize] = Some(item);
         self.slots.insert(item.id, slot);
-        if self.structure.contains(&node.label) {
-            self.frame.entry(cell_key(cell(item.p.x), cell(item.p.y))).or_default().push(slot);
+        let cells = if structure { &mut self.frame } else { &mut self.cells };
+        let cell = cells.entry(cell_key(cell(item.p.x), cell(item.p.y))).or_default();
+        let first = cell.is_empty();
+        cell.push(slot);
+        if structure {
             self.longest = self.longest.max(item.bounds.extent().norm() / 2.0);
             return;
         }
+        self.occupied += usize::from(first);
         self.objects += 1;
-        let cell = self.cells.entry(cell_key(cell(item.p.x), cell(item.p.y))).or_default();
-        self.occupied += usize::from(cell.is_empty());
-        cell.push(slot);
         *self.labels.entry(item.label).or_default() += 1;
         for (other, o) in near {
             for_orientations(&item, slot, &o, other, |key, pair| {
-                self.pairs.entry(key).or_default().push(pair);
-                self.entries += 1;
+                let bin = self.pairs.entry(key).or_default();
+                if bin.len() < PER_BIN {
+                    bin.push(pair);
+                    self.entries += 1;
+                }
             });
         }
     }
@@ -189,23 +203,22 @@ impl Index {
         let Some(slot) = self.slots.remove(&id) else { return };
         let Some(item) = self.items[slot as usize].take() else { return };
         self.free.push(slot);
-        if self.structure.contains(&item.label) {
-            if let Some(cell) = self.frame.get_mut(&cell_key(cell(item.p.x), cell(item.p.y))) {
-                cell.retain(|&s| s != slot);
-            }
+        let structure = self.structure.contains(&item.label);
+        let cells = if structure { &mut self.frame } else { &mut self.cells };
+        let mut last = false;
+        if let Some(cell) = cells.get_mut(&cell_key(cell(item.p.x), cell(item.p.y))) {
+            cell.retain(|&s| s != slot);
+            last = cell.is_empty();
+        }
+        if structure {
             return;
         }
+        self.occupied -= usize::from(last);
         self.objects -= 1;
-        if let Some(cell) = self.cells.get_mut(&cell_key(cell(item.p.x), cell(item.p.y))) {
-            cell.retain(|&s| s != slot);
-            self.occupied -= usize::from(cell.is_empty());
-        }
         if let Some(n) = self.labels.get_mut(&item.label) {
             *n -= 1;
         }
-        let mut near = Vec::new();
-        self.near(&item.p, self.range, |other, o| near.push((other, *o)));
-        for (other, o) in near {
+        for (other, o) in self.neighbours(&item) {
             for_orientations(&item, slot, &o, other, |key, pair| {
                 if let Some(list) = self.pairs.get_mut(&key)
                     && let Some(at) = list.iter().position(|p| *p == pair)
@@ -215,6 +228,17 @@ impl Index {
                 }
             });
         }
+    }
+
+    /// Objects with which one is paired.
+    fn neighbours(&self, item: &Item) -> Vec<(u32, Item)> {
+        let mut near = Vec::new();
+        self.near(&item.p, self.range, |slot, other| {
+            if near.len() < NEIGHBOURS {
+                near.push((slot, *other));
+            }
+        });
+        near
     }
 
     /// Number of objects, structure left out.
@@ -241,28 +265,45 @@ impl Index {
 
     /// Structure whose box may touch a box, in no particular order.
     pub(super) fn structure_near(&self, b: &Box3, f: impl FnMut(u32, &Item)) {
-        self.walk(&self.frame, &b.centroid(), b.extent().norm() / 2.0 + self.longest, f);
+        self.walk(true, &b.centroid(), b.extent().norm() / 2.0 + self.longest, f);
     }
 
     /// Structure whose centroid is within a horizontal distance, in no particular order.
     pub(super) fn structure_within(&self, p: &Point3<f32>, range: f32, f: impl FnMut(u32, &Item)) {
-        self.walk(&self.frame, p, range, f);
+        self.walk(true, p, range, f);
     }
 
     /// Objects within a horizontal distance, in no particular order.
     pub(super) fn near(&self, p: &Point3<f32>, range: f32, f: impl FnMut(u32, &Item)) {
-        self.walk(&self.cells, p, range, f);
+        self.walk(false, p, range, f);
     }
 
-    fn walk(&self, cells: &Table<Vec<u32>>, p: &Point3<f32>, range: f32, mut f: impl FnMut(u32, &Item)) {
+    fn walk(&self, structure: bool, p: &Point3<f32>, range: f32, mut f: impl FnMut(u32, &Item)) {
+        let mut check = |slot: u32, item: &Item| {
+            let (dx, dy) = (item.p.x - p.x, item.p.y - p.y);
+            if dx * dx + dy * dy <= range * range {
+                f(slot, item);
+            }
+        };
         let span = |v: f32| cell(v - range)..=cell(v + range);
+        let cells = if structure { &self.frame } else { &self.cells };
+        if (f64::from(range) / f64::from(CELL)).powi(2) > self.items.len() as f64 + 64.0 {
+            // More cells than nodes: a box that spans kilometres, say.
+            for (slot, item) in self.items.iter().enumerate() {
+                if let Some(item) = item
+                    && self.structure.contains(&item.label) == structure
+                {
+                    check(slot as u32, item);
+                }
+            }
+            return;
+        }
         for i in span(p.x) {
             for j in span(p.y) {
-                for &slot in cells.get(&cell_key(i, j)).map_or(&[][..], Vec::as_slice) {
-                    let Some(item) = self.item(slot) else { continue };
-                    let (dx, dy) = (item.p.x - p.x, item.p.y - p.y);
-                    if dx * dx + dy * dy <= range * range {
-                        f(slot, item);
+                let list = cells.get(&cell_key(i, j)).map_or(&[][..], Vec::as_slice);
+                for &slot in list.iter().take(PER_CELL) {
+                    if let Some(item) = self.item(slot) {
+                        check(slot, item);
                     }
                 }
             }

@@ -2,11 +2,13 @@
 
 use super::change::shared;
 use super::index::Item;
-use super::{Index, RobustParams};
+use super::{Index, RobustParams, Work};
 use crate::{Box3, Edge, LabelId, Match, Node, NodeId, SceneGraph, Verdict};
 use nalgebra::Isometry3;
 use std::collections::{BTreeMap, BTreeSet};
 
+/// Pairs of nodes that are compared by one merge: a bound for crowds beyond any furnished place.
+const MOST_PAIRS: u64 = 1 << 22;
 /// Probability from which another class is a possible one.
 const RIVAL: f32 = 0.12;
 
@@ -85,8 +87,9 @@ pub(crate) fn join_parts(
     params: &RobustParams,
 ) -> Vec<(NodeId, NodeId)> {
     let mut joined = Vec::new();
+    let mut work = Work::new(MOST_PAIRS);
     for &id in touched {
-        while let Some((keep, gone)) = part_near(graph, index, id, params) {
+        while let Some((keep, gone)) = part_near(graph, index, id, params, &mut work) {
             let Some(part) = graph.node(gone).cloned() else { break };
             let edges: Vec<Edge> = graph.outgoing(gone).chain(graph.incoming(gone)).collect();
             graph.remove_node(gone);
@@ -121,13 +124,17 @@ fn part_near(
     index: &Index,
     id: NodeId,
     params: &RobustParams,
+    work: &mut Work,
 ) -> Option<(NodeId, NodeId)> {
-    let node = graph.node(id)?;
+    let node = graph.node(id).filter(|_| !work.exhausted)?;
     let own = Item::of(node);
     let structure = params.structure.contains(&node.label);
     let grown = if structure { 0.1 } else { 0.0 };
     let mut best: Option<(f32, Item)> = None;
     let mut check = |_: u32, r: &Item| {
+        if !work.spend(1) {
+            return;
+        }
         let share = shared(&node.bounds, &r.bounds, grown);
         let least = match (structure, r.label == node.label) {
             (true, true) => params.part[0],
@@ -151,7 +158,7 @@ fn part_near(
     if structure {
         index.structure_near(&node.bounds, &mut check);
     } else {
-        index.near(&own.p, node.bounds.extent().norm() / 2.0 + 1.5, &mut check);
+        index.near(&own.p, (node.bounds.extent().norm() / 2.0).min(10.0) + 1.5, &mut check);
     }
     let other = best?.1;
     let rank =

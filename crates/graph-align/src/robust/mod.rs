@@ -72,7 +72,8 @@ pub struct RobustParams {
     /// that one: of structure, of objects, and of objects whose classes differ but are each other's
     /// rivals. Above 1 nothing is joined. Folds join, `update` does not.
     pub part: [f32; 3],
-    /// By how much a fitted pose must exceed a prior in evidence to replace it.
+    /// By how much a fitted pose must exceed a prior in evidence to replace it. It orders poses; the
+    /// bar of acceptance is the same for all of them.
     pub prior_weight: f32,
     /// Table entries and node pairs that may be looked at.
     pub budget: u64,
@@ -211,14 +212,7 @@ pub fn align_counted(index: &Index, query: &Query<'_>, params: &RobustParams) ->
     if items.len() < params.fewest {
         return (Outcome::NoMatch { why: Why::SmallQuery }, 0);
     }
-    let scene = Scene {
-        index,
-        query: &items,
-        looked: query.looked,
-        mirrored: false,
-        upright: query.gravity_aligned,
-        params,
-    };
+    let scene = Scene::new(index, &items, query, params);
     // A quarter stays for the mirror image.
     let mut work = Work::new(params.budget - params.budget / 4);
     let found = search(&scene, query.prior.as_ref(), &mut work);
@@ -236,14 +230,7 @@ pub(crate) fn associate(
     params: &RobustParams,
 ) -> Match {
     let items = objects(query, params);
-    let scene = Scene {
-        index,
-        query: &items,
-        looked: query.looked,
-        mirrored: false,
-        upright: query.gravity_aligned,
-        params,
-    };
+    let scene = Scene::new(index, &items, query, params);
     // No budget: the work is bounded by the objects near each other.
     let h = scene.judge_at(pose, &mut Work::new(u64::MAX));
     change::describe(query, &scene, &h, None)
@@ -269,11 +256,10 @@ fn search(scene: &Scene<'_>, prior: Option<&Isometry3<f32>>, work: &mut Work) ->
         candidates.iter().filter_map(|c| scene.refine(c, &mut verifying)).collect();
     if let Some(prior) = prior {
         // A few noisy objects do not overrule what is known of the frames.
-        let mut h = scene.judge_at(prior, &mut verifying);
-        h.evidence += params.prior_weight;
-        found.push(h);
+        let h = scene.judge_at(prior, &mut verifying);
+        found.push(Hypothesis { preference: params.prior_weight, ..h });
     }
-    found.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
+    found.sort_by(|a, b| b.rank().total_cmp(&a.rank()));
     let centre = vote::centre(items);
     let mut distinct: Vec<Hypothesis> = Vec::new();
     for h in found {
@@ -319,12 +305,12 @@ fn decide(
     if mirror_fits_better(scene, best, mirror) {
         return Outcome::NoMatch { why: Why::Mirrored };
     }
-    let rivals = good.iter().filter(|h| best.evidence - h.evidence < params.margin).count();
+    let rivals = good.iter().filter(|h| best.rank() - h.rank() < params.margin).count();
     let answer = |h: &Hypothesis, margin: Option<f32>| change::describe(query, scene, h, margin);
     if rivals > 1 {
         return Outcome::Ambiguous { candidates: good[..rivals].iter().map(|h| answer(h, None)).collect() };
     }
-    let margin = good.get(1).map(|h| best.evidence - h.evidence);
+    let margin = good.get(1).map(|h| best.rank() - h.rank());
     Outcome::Match(answer(best, margin))
 }
 

@@ -13,6 +13,8 @@ const GATE: f32 = 0.3;
 const LEVER: f32 = 0.5;
 /// Bins of the turn about the axis.
 const TURNS: usize = 24;
+/// Objects of the query of which base pairs are made.
+const MOST_OBJECTS: usize = 600;
 /// Base pairs of the reference that are tried.
 const MOST_BASES: usize = 3000;
 
@@ -71,6 +73,7 @@ fn distinct(mut found: Vec<Candidate>, query: &[Item], count: usize) -> Vec<Isom
 /// Query pairs, those of rare labels first.
 fn base_pairs(index: &Index, query: &[Item], params: &RobustParams) -> Vec<(f32, [usize; 2])> {
     let mut out = Vec::new();
+    let query = &query[..query.len().min(MOST_OBJECTS)];
     for i in 0..query.len() {
         for j in i + 1..query.len() {
             if (SHORTEST..params.pair_range).contains(&(query[i].p - query[j].p).norm()) {

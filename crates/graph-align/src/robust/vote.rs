@@ -190,6 +190,10 @@ fn indexed_hits(
     // (entries to look at, first node, second node), the smaller label first.
     let mut pairs: Vec<(usize, [u16; 2], [i32; 2])> = Vec::new();
     for i in 0..query.len() {
+        // The loop itself is work, too, for a query of thousands of nodes.
+        if !work.spend(query.len() as u64 / 16) {
+            break;
+        }
         for j in i + 1..query.len() {
             let [a, b] = if query[i].label <= query[j].label { [i, j] } else { [j, i] };
             let d = query[b].p - query[a].p;
@@ -255,11 +259,12 @@ fn near_hits(
     for i in 0..query.len() {
         for j in i + 1..query.len() {
             let d = query[j].p - query[i].p;
-            if d.x.hypot(d.y) < SHORTEST {
-                continue;
-            }
-            if !work.spend((candidates[i].len() * candidates[j].len()) as u64) {
+            let tries = if d.x.hypot(d.y) < SHORTEST { 0 } else { candidates[i].len() * candidates[j].len() };
+            if !work.spend(tries as u64 + u64::from(j.is_multiple_of(16))) {
                 return hits;
+            }
+            if tries == 0 {
+                continue;
             }
             let from = hits.len();
             for a in &candidates[i] {
