@@ -5,6 +5,7 @@
 
 #[allow(dead_code, reason = "shared by two test programs")]
 mod common;
+#[allow(dead_code, reason = "shared by test programs")]
 #[path = "common/rooms.rs"]
 mod rooms;
 

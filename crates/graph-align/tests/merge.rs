@@ -1,0 +1,273 @@
+//! What merging keeps, drops, joins and moves, and what folds of many observations agree on.
+
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::print_stderr, reason = "a test")]
+
+#[allow(dead_code, reason = "shared by test programs")]
+mod common;
+#[allow(dead_code, reason = "shared by test programs")]
+#[path = "common/rooms.rs"]
+mod rooms;
+
+use graph_align::{
+    Box3, Edge, Footprint, Key, LabelId, Looked, Node, NodeId, Observation, Outcome, Params, PredicateId,
+    Query, Replica, SceneGraph, Verdict, align, update,
+};
+use nalgebra::{Isometry3, Point3, Vector3};
+use proptest::prelude::*;
+use rooms::{Dice, any_pose, building, changed, looked_around, moved, noisy, part, room, yaw_shift};
+
+fn observation(agent: u16, seq: u32, frame: u32, graph: &SceneGraph, looked: Option<Looked>) -> Observation {
+    let start_ds = seq * 100 + u32::from(agent);
+    // Ids of different visits differ, as they do between robots.
+    let mut own = SceneGraph::default();
+    let id = |n: NodeId| NodeId(u64::from(agent) << 48 | u64::from(seq) << 24 | n.0);
+    graph.nodes().for_each(|n| own.insert_node(Node { id: id(n.id), ..n.clone() }));
+    graph.edges().for_each(|e| own.insert_edge(Edge { s: id(e.s), t: id(e.t), ..e }).unwrap());
+    let key = Key { start_ds, agent, epoch: 0, seq };
+    Observation { key, end_ds: start_ds + 50, frame, graph: own.quantised(), looked }
+}
+
+fn fold(observations: &[Observation]) -> graph_align::Folded {
+    let mut r = Replica::default();
+    observations.iter().for_each(|o| assert!(r.apply(o.clone()).unwrap()));
+    r.fold(&Params::default())
+}
+
+/// Scores below `sure`, so that one sighting is one.
+fn unsure(g: &SceneGraph) -> SceneGraph {
+    changed(g, |n| n.score = 0.7)
+}
+
+/// A node that was seen once goes when a visit looks at its place and does not see it; one that was seen
+/// twice stays after one such visit and goes after the second; without a look nothing goes.
+#[test]
+fn misses_outweigh_sightings_when_somebody_looked() {
+    let whole = unsure(&room(&mut Dice(5), 14, 0));
+    let without = part(&whole, |id| id != 4);
+    let look = || Some(looked_around(Point3::origin(), 6.0));
+    let count = |views: &[(&SceneGraph, Option<Looked>)]| {
+        let all: Vec<_> =
+            views.iter().enumerate().map(|(k, (g, l))| observation(0, k as u32, 0, g, l.clone())).collect();
+        fold(&all).main_graph().len()
+    };
+    assert_eq!(count(&[(&whole, look()), (&without, None)]), 14);
+    assert_eq!(count(&[(&whole, look()), (&without, look())]), 13);
+    assert_eq!(count(&[(&whole, look()), (&whole, look()), (&without, look())]), 14);
+    assert_eq!(count(&[(&whole, look()), (&whole, look()), (&without, look()), (&without, look())]), 13);
+    // Seen again in between: the misses start anew.
+    let between =
+        [(&whole, look()), (&whole, look()), (&without, look()), (&whole, look()), (&without, look())];
+    assert_eq!(count(&between), 14);
+}
+
+/// Classes are means over sightings; a class that one view took for second wins when the sum says so.
+#[test]
+fn classes_add_up() {
+    let g = room(&mut Dice(6), 12, 0);
+    let view = |label: u16, score: f32, other: u16, second: f32| {
+        changed(&g, |n| {
+            if n.id == NodeId(3) {
+                (n.label, n.score, n.others) = (LabelId(label), score, vec![(LabelId(other), second)]);
+            }
+        })
+    };
+    let all = [
+        observation(0, 0, 0, &view(1, 0.6, 2, 0.3), None),
+        observation(1, 1, 0, &view(2, 0.8, 1, 0.1), None),
+        observation(0, 2, 0, &view(2, 0.5, 1, 0.4), None),
+    ];
+    let merged = fold(&all).main_graph();
+    assert_eq!(merged.len(), 12);
+    let n = merged.nodes().find(|n| n.id.0 & 0xff_ffff == 3).unwrap();
+    assert_eq!((n.label, n.sightings), (LabelId(2), 3));
+    assert!((n.score - (0.3 + 0.8 + 0.5) / 3.0).abs() < 0.01, "{}", n.score);
+}
+
+/// Relations between nodes that were both seen again are the last view's; those of others stay; what moved
+/// keeps none of its old ones.
+#[test]
+fn relations_follow_what_was_seen() {
+    let reference = room(&mut Dice(8), 14, 0);
+    let mut query = part(&reference, |id| id != 9);
+    let lamp = query.node(NodeId(2)).unwrap().clone();
+    let away = lamp.bounds.centroid() + Vector3::new(1.3, -0.9, 0.0);
+    let bounds = Box3::new(away.coords.into(), lamp.bounds.extent().into()).unwrap();
+    let mut fresh = SceneGraph::default();
+    query.nodes().for_each(|n| fresh.insert_node(n.clone()));
+    fresh.insert_node(Node { bounds, ..lamp });
+    fresh.insert_edge(Edge { s: NodeId(1), t: NodeId(0), p: PredicateId(2), score: 0.8 }).unwrap();
+    query = fresh;
+    let looked = looked_around(Point3::origin(), 6.0);
+    // Two is looked at, nine is not known to be.
+    let nine = reference.node(NodeId(9)).unwrap().bounds.centroid();
+    let cells: Vec<[i32; 3]> =
+        looked.cells().filter(|c| (0..3).any(|k| c[k] != (nine[k] / 0.5).floor() as i32)).collect();
+    let looked = Looked::new(0.5, [0.0; 3], &cells).unwrap();
+    let ask = Query { looked: Some(&looked), ..Query::new(&query) };
+    let out = align(&reference, &ask, &Params::default());
+    let Outcome::Match(m) = &out else { panic!("{out:?}") };
+    assert_eq!(m.verdicts[&NodeId(2)], Verdict::Moved(NodeId(2)));
+    let merged = update(&reference, &ask, &out, &Params::default());
+    let between = |s: u64| merged.outgoing(NodeId(s)).map(|e| (e.t.0, e.p.0)).collect::<Vec<_>>();
+    assert_eq!(between(1), [(0, 2)], "seen again: replaced");
+    assert_eq!(between(9), [(0, 0)], "not seen again: kept");
+    assert_eq!(between(2), [], "moved: dropped");
+    assert!((merged.node(NodeId(2)).unwrap().bounds.centroid() - away).norm() < 1e-3);
+}
+
+/// A piece inside a larger node of its class becomes part of it in a fold, and of no other class.
+#[test]
+fn folds_join_pieces_of_one_object() {
+    let mut g = room(&mut Dice(9), 10, 0);
+    let put = |g: &mut SceneGraph, id: u64, label: u16, at: [f32; 3], side: [f32; 3]| {
+        g.insert_node(Node {
+            score: 0.7,
+            ..Node::new(NodeId(id), LabelId(label), Box3::new(at, side).unwrap())
+        });
+    };
+    put(&mut g, 50, 20, [20.0, 0.0, 0.5], [2.0, 1.0, 1.0]);
+    put(&mut g, 51, 20, [20.6, 0.1, 0.5], [0.6, 0.6, 0.6]);
+    put(&mut g, 52, 21, [20.6, 0.1, 0.5], [0.5, 0.5, 0.5]);
+    g.insert_edge(Edge { s: NodeId(51), t: NodeId(52), p: PredicateId(1), score: 0.5 }).unwrap();
+    let merged = fold(&[observation(0, 0, 0, &g, None)]).main_graph();
+    let ids: Vec<u64> = merged.nodes().map(|n| n.id.0).filter(|id| *id >= 50).collect();
+    assert_eq!(ids, [50, 52]);
+    assert!(merged.outgoing(NodeId(50)).any(|e| e.t == NodeId(52)), "the piece's relation is the whole's");
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(24))]
+
+    /// A turned rectangle's box is that of its turned corners.
+    #[test]
+    fn footprints_turn_without_growing(l in 0.1_f32..4.0, w in 0.05_f32..2.0, yaw in 0.0_f32..1.57, turn in -7.0_f32..7.0) {
+        let corners = |angle: f32| {
+            let (sin, cos) = angle.sin_cos();
+            [(l * cos.abs() + w * sin.abs()), (l * sin.abs() + w * cos.abs())]
+        };
+        let [x, y] = corners(yaw);
+        let b = Box3::new([3.0, -2.0, 1.0], [x, y, 0.7]).unwrap();
+        let b = b.with_footprint(Footprint { sides: [l, w], yaw }).unwrap();
+        let t = yaw_shift(turn, [1.0, 2.0, 0.5]);
+        let turned = b.transformed(&t);
+        let [x, y] = corners(yaw + turn);
+        prop_assert!((turned.extent() - Vector3::new(x, y, 0.7)).norm() < 1e-3, "{:?}", turned);
+        // Back again: nothing has grown.
+        let back = turned.transformed(&t.inverse());
+        prop_assert!((back.extent() - b.extent()).norm() < 2e-3);
+        prop_assert!((back.centroid() - b.centroid()).norm() < 1e-4);
+    }
+
+    /// Robots whose frames are unknown: the fold brings them together, by all rooms that they share.
+    #[test]
+    fn frames_are_found_from_everything_shared(seed in any::<u64>()) {
+        let mut dice = Dice(seed);
+        let all = building(&mut dice, 5, 14);
+        let rooms = |of: &[u64]| part(&all, |id| of.contains(&(id / 1000)));
+        let b_from_domain = any_pose(&mut dice);
+        let views: [(u16, &[u64]); 4] = [(0, &[1, 2]), (1, &[2, 3]), (0, &[5]), (1, &[5, 4])];
+        let mut list = Vec::new();
+        for (k, (agent, of)) in views.into_iter().enumerate() {
+            let seen = noisy(&rooms(of), &mut dice, 0.06);
+            let seen = if agent == 1 { moved(&seen, &b_from_domain) } else { seen };
+            list.push(observation(agent, k as u32, u32::from(agent), &seen, None));
+        }
+        let folded = fold(&list);
+        prop_assert_eq!(folded.components.len(), 1);
+        let estimate = folded.components[0].frames[&1] * b_from_domain;
+        // The five rooms are 50 m long; two of them are shared, 30 m apart.
+        for x in [0.0, 50.0] {
+            let p = Point3::new(x, 0.0, 1.0);
+            prop_assert!((estimate * p - p).norm() < 0.12, "{} m off at {} m", (estimate * p - p).norm(), x);
+        }
+        prop_assert_eq!(folded.main_graph().len(), all.len());
+    }
+
+    /// Any order of arrival, any duplication and any tree of joins give the same graph, in known and in
+    /// unknown frames, while objects move, vanish and appear.
+    #[test]
+    fn replicas_converge(seed in any::<u64>(), order in any::<u64>()) {
+        let (list, counts) = history(seed);
+        prop_assert!(counts.iter().all(|c| *c > 0));
+        let reference = fold(&list);
+        let merges = list.iter().map(|o| o.graph.len()).sum::<usize>()
+            - reference.components.iter().map(|c| c.graph.len()).sum::<usize>();
+        prop_assert!(merges > 0);
+        let mut dice = Dice(order);
+        let mut parts: Vec<Replica> = vec![Replica::default(); 4];
+        for _ in 0..3 {
+            for o in &list {
+                if dice.below(2) == 0 {
+                    let k = dice.below(4);
+                    parts[k].apply(o.clone()).unwrap();
+                }
+            }
+        }
+        for o in list.iter().rev() {
+            parts[dice.below(4)].apply(o.clone()).unwrap();
+        }
+        // A tree of joins in any shape.
+        while parts.len() > 1 {
+            let a = parts.swap_remove(dice.below(parts.len()));
+            let k = dice.below(parts.len());
+            parts[k].join(&a).unwrap();
+        }
+        prop_assert_eq!(&parts[0].fold(&Params::default()), &reference);
+        // Without an agent it is as if that agent had never been.
+        let own: Vec<_> = list.iter().filter(|o| o.key.agent != 1).cloned().collect();
+        prop_assert_eq!(parts[0].without(1).fold(&Params::default()), fold(&own));
+    }
+}
+
+/// Visits of three agents to three rooms over four rounds. Beside them how many observations, moves, removals
+/// and arrivals there are.
+fn history(seed: u64) -> (Vec<Observation>, [usize; 4]) {
+    let mut dice = Dice(seed);
+    let mut world = building(&mut dice, 3, 13);
+    let frames: [Isometry3<f32>; 3] = [Isometry3::identity(), any_pose(&mut dice), Isometry3::identity()];
+    let (mut list, mut counts) = (Vec::new(), [0; 4]);
+    for round in 0..4_u32 {
+        for r in 1..=3_u64 {
+            if round > 0 {
+                let id = |dice: &mut Dice| NodeId(1000 * r + 1 + dice.below(12) as u64);
+                let (gone, went) = (id(&mut dice), id(&mut dice));
+                counts[2] += usize::from(world.remove_node(gone).is_some());
+                if let Some(n) = world.node(went).cloned() {
+                    let c = n.bounds.centroid() + Vector3::new(0.8, 0.5, 0.0);
+                    let bounds = Box3::new(c.coords.into(), n.bounds.extent().into()).unwrap();
+                    world.insert_node(Node { bounds, ..n });
+                    counts[1] += 1;
+                }
+                let at = [10.0 * (r as f32 - 1.0) + dice.within(-3.0, 3.0), dice.within(-2.5, 2.5), 0.4];
+                let bounds = Box3::new(at, [0.4, 0.4, 0.6]).unwrap();
+                world.insert_node(Node::new(NodeId(1000 * r + 100 + u64::from(round)), LabelId(7), bounds));
+                counts[3] += 1;
+            }
+            let agent = dice.below(3);
+            let seen = noisy(&part(&world, |id| id / 1000 == r), &mut dice, 0.04);
+            let frame_from_domain = frames[agent];
+            let middle = frame_from_domain * Point3::new(10.0 * (r as f32 - 1.0), 0.0, 1.0);
+            let graph = moved(&seen, &frame_from_domain);
+            let looked = Some(looked_around(middle, 4.0));
+            // Agents 0 and 2 share a frame, agent 1 has its own.
+            let frame = u32::from(agent == 1);
+            list.push(observation(agent as u16, round * 3 + r as u32, frame, &graph, looked));
+            counts[0] += 1;
+        }
+    }
+    (list, counts)
+}
+
+/// What the histories of [`replicas_converge`] hold.
+#[test]
+fn histories_are_not_empty() {
+    let mut sum = [0; 4];
+    for seed in 0..40 {
+        history(seed).1.iter().zip(&mut sum).for_each(|(c, s)| *s += c);
+    }
+    eprintln!(
+        "40 histories: {} observations, {} moves, {} removals, {} arrivals",
+        sum[0], sum[1], sum[2], sum[3]
+    );
+    assert!(sum.iter().all(|s| *s >= 40));
+}
