@@ -2,6 +2,7 @@
 
 mod arrows;
 mod consumer;
+mod planted;
 mod test;
 mod train;
 
@@ -16,6 +17,7 @@ const HELP: &str = "cargo xtask COMMAND
   fuzz gsm [--minutes M] [--seed N]
                 mutated inputs, checked maps; prints executions and behaviours
   consumer      package graph-align and run a program whose only dependency it is
+  planted       plant bugs in graph-align, one at a time, and see its tests catch them
   arrows        check which crates may know which
 ";
 
@@ -29,6 +31,7 @@ fn main() -> ExitCode {
         "train" => train::run(&rest),
         "fuzz" => fuzz(&rest),
         "consumer" => consumer::run(),
+        "planted" => planted::run(),
         "arrows" => arrows::check().map(|()| ExitCode::SUCCESS),
         _ => {
             eprint!("{HELP}");
