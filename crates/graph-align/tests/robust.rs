@@ -74,18 +74,49 @@ proptest! {
         prop_assert_eq!(pairs, n.pairs.iter().copied().collect::<BTreeSet<_>>());
     }
 
+    /// (ii) Not even between two objects that fit equally well.
+    #[test]
+    fn ties_go_by_content(seed in any::<u64>(), factor in 1_u64..1000) {
+        let mut dice = Dice(seed);
+        let query = room(&mut dice, 14, 0);
+        let twin = query.node(NodeId(6)).unwrap().clone();
+        let mut reference = part(&query, |id| id != 6);
+        for (id, by) in [(60, -0.125), (61, 0.125)] {
+            let c = twin.bounds.centroid() + nalgebra::Vector3::new(by, 0.0, 0.0);
+            let bounds = Box3::new(c.coords.into(), twin.bounds.extent().into()).unwrap();
+            reference.insert_node(Node { id: NodeId(id), bounds, ..twin.clone() });
+        }
+        let turned = |id: NodeId| NodeId(id.0.wrapping_mul(2 * factor + 1) ^ (factor << 3));
+        let out = align(&reference, &Query::new(&query), &Params::default());
+        let other = align(&renamed(&reference, turned), &Query::new(&renamed(&query, turned)), &Params::default());
+        let (m, n) = (matched(&out).expect("known"), matched(&other).expect("known"));
+        let pairs: BTreeSet<_> = m.pairs.iter().map(|(q, r)| (turned(*q), turned(*r))).collect();
+        prop_assert_eq!(pairs, n.pairs.iter().copied().collect::<BTreeSet<_>>());
+    }
+
+    /// A room that the reference does not hold is refused.
+    #[test]
+    fn a_foreign_room_is_not_found(seed in any::<u64>(), n in 8_usize..24, rooms in 1_usize..5) {
+        let mut dice = Dice(seed);
+        let reference = building(&mut dice, rooms, 16);
+        let query = room(&mut dice, n, 0);
+        let out = align(&reference, &Query::new(&query), &Params::default());
+        let refused = matches!(out, Outcome::NoMatch { .. });
+        prop_assert!(refused, "{:?}", out);
+    }
+
     /// (iii) Swapped arguments give the inverse.
     #[test]
     fn swapping_inverts(seed in any::<u64>()) {
         let (reference, query, _) = scene(seed, 0.04);
         let out = align(&reference, &Query::new(&query), &Params::default());
         let back = align(&query, &Query::new(&reference), &Params::default());
-        if let (Some(m), Some(n)) = (matched(&out), matched(&back)) {
-            let at = query.nodes().next().unwrap().bounds.centroid();
-            prop_assert!(close(&n.reference_from_query.inverse(), &m.reference_from_query, at, 0.02));
-            let turned: BTreeSet<_> = n.pairs.iter().map(|&(a, b)| (b, a)).collect();
-            prop_assert_eq!(turned, m.pairs.iter().copied().collect::<BTreeSet<_>>());
-        }
+        let m = matched(&out).expect("known");
+        let n = matched(&back).expect("known the other way round");
+        let at = query.nodes().next().unwrap().bounds.centroid();
+        prop_assert!(close(&n.reference_from_query.inverse(), &m.reference_from_query, at, 0.02));
+        let turned: BTreeSet<_> = n.pairs.iter().map(|&(a, b)| (b, a)).collect();
+        prop_assert_eq!(turned, m.pairs.iter().copied().collect::<BTreeSet<_>>());
     }
 
     /// (iv) A room lies in itself by the identity.
@@ -144,6 +175,14 @@ proptest! {
     fn pairs_are_one_to_one_and_near(seed in any::<u64>(), noise in 0.0_f32..0.3, drop in 0_u64..12) {
         let (reference, query, _) = scene(seed, noise);
         let reference = part(&reference, |id| !(2000..2000 + drop).contains(&id));
+        // Every fourth object was cut in two by the query.
+        let mut pieces = query.clone();
+        for n in query.nodes().filter(|n| n.id.0 % 4 == 3) {
+            let c = n.bounds.centroid() + nalgebra::Vector3::new(0.04, 0.03, 0.0);
+            let bounds = Box3::new(c.coords.into(), n.bounds.extent().into()).unwrap();
+            pieces.insert_node(Node { id: NodeId(n.id.0 + 5000), bounds, ..n.clone() });
+        }
+        let query = pieces;
         if let Some(m) = matched(&align(&reference, &Query::new(&query), &Params::default())) {
             let (q, r): (BTreeSet<_>, BTreeSet<_>) = m.pairs.iter().copied().unzip();
             prop_assert_eq!((q.len(), r.len()), (m.pairs.len(), m.pairs.len()));
