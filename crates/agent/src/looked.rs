@@ -31,3 +31,32 @@ pub(crate) fn looked(map: &Map, turn: &UnitQuaternion<f32>) -> Result<Looked, Er
     let cells: Vec<[i32; 3]> = counts.into_iter().filter(|c| c.1 as f32 >= enough).map(|c| c.0).collect();
     Ok(Looked::new(CELL, [0.0; 3], &cells)?)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use gsm::{DepthView, Intrinsics, Params};
+    use nalgebra::{Isometry3, Vector3};
+
+    /// A camera at the origin looks along z at a wall two metres off: what lies before the wall was seen,
+    /// what lies behind it or beside the view was not, in whatever frame the graph stands.
+    #[test]
+    fn free_space_and_surfaces_are_seen_and_what_they_hide_is_not() {
+        let intrinsics = Intrinsics::new(80.0, 80.0, 47.5, 35.5, 96, 72).expect("a camera");
+        let depth = vec![2.0; 96 * 72];
+        let mut map = Map::new(Params::default()).expect("defaults");
+        for k in 0..4 {
+            let world_from_camera = Isometry3::identity();
+            map.integrate(&DepthView { depth: &depth, intrinsics, world_from_camera, time: f64::from(k) });
+        }
+        let quarter = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), -std::f32::consts::FRAC_PI_2);
+        for turn in [UnitQuaternion::identity(), quarter] {
+            let grid = looked(&map, &turn).expect("a small map");
+            let seen = |x: f32, y: f32, z: f32| grid.contains(&(turn * Point3::new(x, y, z)));
+            assert!(seen(0.1, 0.1, 1.2) && seen(0.3, -0.3, 1.7), "free space");
+            assert!(seen(0.2, 0.2, 1.95), "the wall");
+            assert!(!seen(0.1, 0.1, 3.2), "behind the wall");
+            assert!(!seen(3.0, 0.1, 1.2) && !seen(0.1, 0.1, -1.2), "outside the view");
+        }
+    }
+}

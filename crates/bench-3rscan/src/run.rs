@@ -309,3 +309,29 @@ fn to_bytes(v: &Value) -> Result<Vec<u8>, Error> {
 pub fn hex(bytes: &[u8]) -> String {
     bytes.iter().map(|b| format!("{b:02x}")).collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// With `--replay halves` a shared scan is seen in parts: a part is no whole.
+    #[test]
+    fn visits_of_different_frames_are_different() {
+        let visit = |frames| Visit {
+            agent: 1,
+            room: 0,
+            scan: "a".to_owned(),
+            round: 0,
+            pass: 0,
+            frames,
+            start: 0.0,
+            seq: 0,
+        };
+        let of = |v: &Visit| key(v, FramesMode::Shared);
+        assert_eq!(of(&visit(0..60)), of(&Visit { agent: 2, seq: 3, ..visit(0..60) }));
+        assert_ne!(of(&visit(0..60)), of(&visit(0..100)));
+        assert_ne!(of(&visit(0..60)), of(&visit(40..60)));
+        let own = |v: &Visit| key(v, FramesMode::Unknown);
+        assert_ne!(own(&visit(0..60)), own(&Visit { agent: 2, ..visit(0..60) }));
+    }
+}

@@ -129,6 +129,11 @@ fn a_written_data_set_gives_the_rendered_one_and_scans() {
     let rendered = hashes(&[]);
     assert_eq!(rendered.len(), 2);
     assert_eq!(hashes(&["--data", &data]), rendered);
+    // Rooms stand elsewhere under another seed: what one cell computed is no other seed's.
+    let scp = |seeds: &[&str]| hashes(&[&["--data", &data, "--scenario", "scp"], seeds].concat());
+    let both = scp(&["--seeds", "2"]);
+    assert_eq!((both[0].clone(), both.len()), (rendered[0].clone(), 2));
+    assert_ne!(both[0], both[1]);
     let first = fs::read_dir(&data).unwrap().map(|e| e.unwrap().path()).find(|p| p.is_dir()).unwrap();
     let out = dir.path().join("scan");
     done(&["scan", &text(&first), "-o", &text(&out)]);
@@ -161,6 +166,47 @@ fn room(turn: f64, shift: [f64; 2], first: u64) -> Value {
         edges.push(json!({"s": first + 1 + k as u64, "t": first, "p": "standing on"}));
     }
     json!({"schema": "ma3dsg-graph/1", "nodes": nodes, "edges": edges})
+}
+
+/// Frames carry what they were written from, fold to the same in any order, and are refused when damaged.
+#[test]
+fn frames_are_written_read_and_folded() {
+    let dir = tempfile::tempdir().expect("folder");
+    let at = |n: &str| text(&dir.path().join(n));
+    fs::write(at("a.json"), room(0.0, [0.0, 0.0], 10).to_string()).unwrap();
+    fs::write(at("b.json"), room(0.7, [3.0, -2.0], 500).to_string()).unwrap();
+    done(&["encode", &at("a.json"), "-o", &at("a.msg")]);
+    done(&["encode", &at("b.json"), "-o", &at("b.msg"), "--agent", "1", "--frame", "1", "--start", "9"]);
+    done(&["decode", &at("b.msg"), "-o", &at("c.json")]);
+    let (b, c) = (read(&dir.path().join("b.json")), read(&dir.path().join("c.json")));
+    for (b, c) in b["nodes"].as_array().unwrap().iter().zip(c["nodes"].as_array().unwrap()) {
+        assert_eq!((&b["id"], &b["label"]), (&c["id"], &c["label"]));
+        for k in 0..3 {
+            let off = |f: &str| (b[f][k].as_f64().unwrap() - c[f][k].as_f64().unwrap()).abs();
+            assert!(off("centroid") <= 0.005 + 1e-6 && off("extent") <= 0.005 + 1e-6);
+        }
+    }
+    let fold = |args: &[&str]| -> Value {
+        serde_json::from_str(&done(&[&["fold", "--json"], args].concat())).expect("JSON")
+    };
+    let (ab, ba) = (fold(&[&at("a.msg"), &at("b.msg")]), fold(&[&at("b.msg"), &at("a.msg")]));
+    assert_eq!(ab, ba);
+    assert_eq!((&ab["observations"], &ab["components"]), (&json!(2), &json!(1)));
+    // One room of eight objects and a floor, however often it was seen.
+    assert_eq!(ab["graph"]["nodes"].as_array().unwrap().len(), 9);
+    let alone = fold(&[&at("a.msg"), &at("b.msg"), "--without", "1"]);
+    assert_eq!(alone, fold(&[&at("a.msg")]));
+    assert_ne!(alone["state_hash"], ab["state_hash"]);
+    let mut bytes = fs::read(at("a.msg")).unwrap();
+    bytes.pop();
+    fs::write(at("short.msg"), bytes).unwrap();
+    for args in
+        [["decode", &at("short.msg"), "-o", &at("x.json")], ["fold", &at("short.msg"), "-o", &at("x.json")]]
+    {
+        let out = run(&args);
+        assert_eq!(out.status.code(), Some(1));
+        assert!(String::from_utf8_lossy(&out.stderr).contains("short.msg"));
+    }
 }
 
 #[test]

@@ -160,6 +160,7 @@ impl Args {
         file.landmarks = landmarks;
         file.landmarks.iter_mut().zip(first..).for_each(|(l, id)| l.id = id);
         file.gravity_aligned = Some(up.is_some());
+        file.up = up.map(|_| [0.0, 0.0, 1.0]);
         file.world_from_recording =
             Some(row_major(&Isometry3::from_parts(nalgebra::Translation3::identity(), turn)));
         let source = match (has_gravity, up) {
