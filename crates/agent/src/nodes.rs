@@ -147,18 +147,18 @@ fn quantile_box(dense: &[(Point3<f32>, Vector3<f32>)]) -> Result<Box3, Error> {
 }
 
 /// The smallest rectangle about a centre that holds all but a two-hundredth of the points on each
-/// side, over yaws in steps of five degrees.
+/// side, over yaws in steps of five degrees, then of half a degree round the best.
 fn tightest(dense: &[(Point3<f32>, Vector3<f32>)], centre: [f32; 3]) -> Footprint {
-    let mut best = Footprint { sides: [0.0; 2], yaw: 0.0 };
-    let mut least = f32::MAX;
     let stride = dense.len().div_ceil(256).max(1);
+    let points: Vec<[f32; 2]> =
+        dense.iter().step_by(stride).map(|(p, _)| [p.x - centre[0], p.y - centre[1]]).collect();
     let mut reach: [Vec<f32>; 2] = Default::default();
-    for step in 0..18 {
-        let yaw = (step as f32 * 5.0).to_radians();
+    let mut best = (f32::MAX, Footprint { sides: [0.0; 2], yaw: 0.0 });
+    let mut look = |half_degrees: i32| {
+        let yaw = (half_degrees.rem_euclid(180) as f32 / 2.0).to_radians();
         let (sin, cos) = yaw.sin_cos();
         reach.iter_mut().for_each(Vec::clear);
-        for (p, _) in dense.iter().step_by(stride) {
-            let (x, y) = (p.x - centre[0], p.y - centre[1]);
+        for [x, y] in &points {
             reach[0].push((x * cos + y * sin).abs());
             reach[1].push((y * cos - x * sin).abs());
         }
@@ -169,9 +169,18 @@ fn tightest(dense: &[(Point3<f32>, Vector3<f32>)], centre: [f32; 3]) -> Footprin
         let sides = [side(&mut reach[0]), side(&mut reach[1])];
         // A wall seen from one side has no area: its thickness must not decide alone.
         let area = (sides[0] + 0.02) * (sides[1] + 0.02);
-        if area < least {
-            (least, best) = (area, Footprint { sides, yaw });
+        if area < best.0 {
+            best = (area, Footprint { sides, yaw });
         }
+        best.1.yaw
+    };
+    let mut coarse = 0.0;
+    for step in 0..18 {
+        coarse = look(step * 10);
     }
-    best
+    let middle = (coarse.to_degrees() * 2.0).round() as i32;
+    (middle - 9..=middle + 9).for_each(|k| {
+        look(k);
+    });
+    best.1
 }
