@@ -12,7 +12,7 @@
 //!    distinguishable poses by `accept`, and it explains enough of what should be visible. If the best
 //!    distinct alternative is acceptable and less than `margin` behind, the answer is `Ambiguous`.
 //! 4. *Changes.* Under the pose, every node is the same, relabelled, moved, or new; reference nodes
-//!    at places that the query looked into and that have no counterpart are removed.
+//!    at places that the query looked at and that have no counterpart are removed.
 //!
 //! Sources: voting by labelled pairs and verification follow the survey of registration methods
 //! (CLIPPER, ROMAN, TEASER++) only in spirit; the likelihood ratio is our own.

@@ -20,22 +20,21 @@ const PAIR_GATE: f32 = 0.45;
 /// Sum of the weights of one query pair's hits.
 const UNIT: u32 = 1 << 20;
 
-/// A reference pair that looks like a query pair, and the pose under which it does.
+/// A reference pair that looks like a query pair, and the bin of the pose under which it does.
 struct Hit {
     query: [u16; 2],
     reference: [u32; 2],
-    yaw: f32,
-    /// Where the query's centre lands.
-    at: Point3<f32>,
+    bin: Bin,
     weight: u32,
 }
 
 type Bin = [i32; 4];
 
-fn bin_of(h: &Hit) -> Bin {
+/// The bin of a yaw and of the place where the query's centre lands.
+fn bin_of(yaw: f32, at: &Point3<f32>) -> Bin {
     let place = |v: f32, side: f32| (v / side).floor() as i32;
-    let yaw = (h.yaw.rem_euclid(std::f32::consts::TAU) / std::f32::consts::TAU * YAWS as f32) as i32;
-    [yaw.min(YAWS - 1), place(h.at.x, PLACE), place(h.at.y, PLACE), place(h.at.z, HEIGHT)]
+    let turn = (yaw.rem_euclid(std::f32::consts::TAU) / std::f32::consts::TAU * YAWS as f32) as i32;
+    [turn.min(YAWS - 1), place(at.x, PLACE), place(at.y, PLACE), place(at.z, HEIGHT)]
 }
 
 /// Whether two bins touch; yaw wraps round.
@@ -68,7 +67,7 @@ pub(super) fn poses(
     };
     let mut table: BTreeMap<Bin, u64> = BTreeMap::new();
     for h in &hits {
-        *table.entry(bin_of(h)).or_default() += u64::from(h.weight);
+        *table.entry(h.bin).or_default() += u64::from(h.weight);
     }
     peaks(&table, params.peaks).iter().filter_map(|p| solve(index, query, &hits, p)).collect()
 }
@@ -121,7 +120,7 @@ fn around(table: &BTreeMap<Bin, u64>, b: &Bin) -> u64 {
 /// one-to-one from the strongest on, then a least-squares fit.
 fn solve(index: &Index, query: &[Item], hits: &[Hit], peak: &Bin) -> Option<Isometry3<f32>> {
     let mut votes: BTreeMap<(u16, u32), u64> = BTreeMap::new();
-    for h in hits.iter().filter(|h| touch(&bin_of(h), peak)) {
+    for h in hits.iter().filter(|h| touch(&h.bin, peak)) {
         for k in 0..2 {
             *votes.entry((h.query[k], h.reference[k])).or_default() += u64::from(h.weight);
         }
@@ -164,8 +163,7 @@ fn hit(query: &[Item], [i, j]: [u16; 2], centre: &Point3<f32>, a: (u32, &Item), 
     Hit {
         query: [i, j],
         reference: [a.0, b.0],
-        yaw: cross.atan2(dot),
-        at: nalgebra::center(&a.1.p, &b.1.p) + turned,
+        bin: bin_of(cross.atan2(dot), &(nalgebra::center(&a.1.p, &b.1.p) + turned)),
         weight: 0,
     }
 }
