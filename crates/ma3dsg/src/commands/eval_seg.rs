@@ -1,8 +1,8 @@
 //! `ma3dsg eval-seg`: the segmentation on generated rooms with truth, noise-free and with the sensor's noise.
 
 use super::say;
-use crate::pipeline;
 use crate::progress::Progress;
+use crate::{files, pipeline};
 use agent::NodeParams;
 use anyhow::{Context, Result};
 use bench_3rscan::Surface;
@@ -99,8 +99,7 @@ impl Args {
         say(format!("{} generated {} rooms, seed {}, first visits", self.rooms, split.name(), self.seed));
         all.iter().for_each(print);
         if let Some(file) = &self.json {
-            std::fs::write(file, serde_json::to_vec_pretty(&all)?)
-                .with_context(|| format!("{}", file.display()))?;
+            files::write(file, &serde_json::to_vec_pretty(&all)?)?;
         }
         Ok(ExitCode::SUCCESS)
     }
