@@ -14,8 +14,8 @@ const HELP: &str = "cargo xtask COMMAND
   bench ARGS…   run the benchmark from a release build (see: cargo xtask bench --help)
   test          everything CI checks: fmt, clippy, arrows, tests, doctests, doc warnings
   train ARGS…   samples from generated rooms, training, weights (see: cargo xtask train --help)
-  fuzz gsm [--minutes M] [--seed N]
-                mutated inputs, checked maps; prints executions and behaviours
+  fuzz gsm|wire|align [--minutes M] [--seed N]
+                mutated inputs, checked results; prints executions and behaviours
   consumer      package graph-align and run a program whose only dependency it is
   planted       plant bugs in graph-align, one at a time, and see its tests catch them
   arrows        check which crates may know which
@@ -57,12 +57,14 @@ fn bench(args: &[String]) -> Result<ExitCode> {
     Ok(ExitCode::from(u8::try_from(status.code().unwrap_or(1)).unwrap_or(1)))
 }
 
-/// The fuzzer of a crate, from a release build; its exit code is ours.
+/// A fuzzer, from a release build; its exit code is ours.
 fn fuzz(args: &[String]) -> Result<ExitCode> {
-    let Some(("gsm", rest)) = args.split_first().map(|(c, r)| (c.as_str(), r)) else {
-        bail!("fuzz: want the crate's name: gsm");
+    let (package, rest) = match args.split_first().map(|(t, r)| (t.as_str(), r)) {
+        Some(("gsm", rest)) => ("ma3dsg-gsm", rest),
+        Some(("wire" | "align", _)) => ("graph-align", args),
+        _ => bail!("fuzz: want a target: gsm, wire or align"),
     };
-    let status = cargo(&["run", "--release", "--quiet", "-p", "ma3dsg-gsm", "--example", "fuzz", "--"])
+    let status = cargo(&["run", "--release", "--quiet", "-p", package, "--example", "fuzz", "--"])
         .args(rest)
         .status()
         .context("cargo run")?;

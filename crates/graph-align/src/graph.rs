@@ -110,6 +110,18 @@ impl SceneGraph {
         }
     }
 
+    /// Score of an edge, if it is there.
+    #[must_use]
+    pub fn edge(&self, s: NodeId, t: NodeId, p: PredicateId) -> Option<f32> {
+        self.edges.get(&(s, t, p)).copied()
+    }
+
+    /// Takes out one edge.
+    pub(crate) fn remove_edge(&mut self, e: &Edge) {
+        self.edges.remove(&(e.s, e.t, e.p));
+        self.incoming.remove(&(e.t, e.s, e.p));
+    }
+
     /// Takes out the edges from one node to another, of every predicate.
     pub(crate) fn remove_edges_between(&mut self, s: NodeId, t: NodeId) {
         let range = (s, t, PredicateId(0))..=(s, t, PredicateId(u16::MAX));
@@ -184,7 +196,7 @@ impl SceneGraph {
     #[must_use]
     pub fn named(&self, unnamed: Option<LabelId>, least: f32) -> Self {
         let mut out = Self::default();
-        for n in self.nodes().filter(|n| Some(n.label) != unnamed && n.score + 0.5 / 255.0 >= least) {
+        for n in self.nodes().filter(|n| Some(n.label) != unnamed && n.score + 0.5 / SCORE_STEPS >= least) {
             out.insert_node(n.clone());
         }
         for e in self.edges() {
@@ -194,7 +206,7 @@ impl SceneGraph {
         out
     }
 
-    /// The graph as it travels: lengths rounded to 1 cm, scores to 1/255, times to 0.1 s.
+    /// The graph as it travels: lengths rounded to 1 cm, scores to 1/127, times to 0.1 s.
     #[must_use]
     pub fn quantised(&self) -> Self {
         let mut out = self.clone();
@@ -215,6 +227,9 @@ impl SceneGraph {
     }
 }
 
+/// Steps of a probability in frames.
+pub(crate) const SCORE_STEPS: f32 = 127.0;
+
 /// Steps of a quarter turn in frames.
 pub(crate) const YAW_STEPS: f32 = 255.0;
 
@@ -230,5 +245,5 @@ pub(crate) fn yaw_of(step: u8) -> f32 {
 }
 
 pub(crate) fn quantise_score(s: f32) -> f32 {
-    (s.clamp(0.0, 1.0) * 255.0).round() / 255.0
+    (s.clamp(0.0, 1.0) * SCORE_STEPS).round() / SCORE_STEPS
 }

@@ -4,10 +4,10 @@
 
 mod common;
 
-use common::{graph, is_sound, looked, renamed, vocabulary};
+use common::{graph, is_sound, renamed};
 use graph_align::{
     Algorithm, Box3, Edge, Key, LabelId, Node, NodeId, Observation, Outcome, PaperParams, Params,
-    PredicateId, Query, Replica, SceneGraph, Verdict, Why, align, update, wire,
+    PredicateId, Query, Replica, SceneGraph, Verdict, Why, align, update,
 };
 use proptest::prelude::*;
 
@@ -119,34 +119,6 @@ proptest! {
         let mut forged = all[0].clone();
         forged.end_ds += 1;
         prop_assert!(two.apply(forged).is_err());
-    }
-
-    #[test]
-    fn frames_carry_the_quantised_graph(g in graph(30), looked in looked(), seq in any::<u32>()) {
-        let v = vocabulary();
-        let o = Observation { key: Key { start_ds: 100, agent: 3, epoch: 1, seq }, end_ds: 900, frame: 2, graph: g, looked: Some(looked) };
-        let bytes = wire::encode(&o, &v).expect("small");
-        let back = wire::decode(&bytes, &v).expect("own frame");
-        prop_assert_eq!(&back.graph, &o.graph.quantised());
-        prop_assert_eq!(&back.looked, &o.looked);
-        prop_assert_eq!(wire::encode(&back, &v).expect("small"), bytes);
-    }
-
-    #[test]
-    fn broken_frames_are_refused_or_canonical(g in graph(12), looked in looked(), at in any::<prop::sample::Index>(), flip in 1..=255_u8, cut in any::<prop::sample::Index>()) {
-        let v = vocabulary();
-        let o = Observation { key: Key { start_ds: 1, agent: 0, epoch: 0, seq: 0 }, end_ds: 2, frame: 0, graph: g, looked: Some(looked) };
-        let bytes = wire::encode(&o, &v).expect("small");
-        prop_assert!(wire::decode(&bytes[..cut.index(bytes.len())], &v).is_err());
-        let mut flipped = bytes.clone();
-        let at = at.index(flipped.len());
-        flipped[at] ^= flip;
-        if let Ok(read) = wire::decode(&flipped, &v) {
-            prop_assert_eq!(wire::encode(&read, &v).expect("small"), flipped);
-        }
-        let mut longer = bytes;
-        longer.push(0);
-        prop_assert!(wire::decode(&longer, &v).is_err());
     }
 }
 

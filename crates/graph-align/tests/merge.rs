@@ -2,9 +2,7 @@
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::print_stderr, reason = "a test")]
 
-#[allow(dead_code, reason = "shared by test programs")]
 mod common;
-#[allow(dead_code, reason = "shared by test programs")]
 #[path = "common/rooms.rs"]
 mod rooms;
 

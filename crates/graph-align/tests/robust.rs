@@ -3,9 +3,7 @@
 
 #![allow(clippy::unwrap_used, clippy::expect_used, reason = "a test")]
 
-#[allow(dead_code, reason = "shared by two test programs")]
 mod common;
-#[allow(dead_code, reason = "shared by test programs")]
 #[path = "common/rooms.rs"]
 mod rooms;
 

@@ -106,7 +106,7 @@ impl Default for RobustParams {
 
 impl RobustParams {
     fn is_named(&self, node: &Node) -> bool {
-        Some(node.label) != self.unnamed && node.score + 0.5 / 255.0 >= self.named
+        Some(node.label) != self.unnamed && node.score + 0.5 / crate::graph::SCORE_STEPS >= self.named
     }
 
     /// Sets a number by its name, `patience` and `part` by `name.0` and `name.1`; false for a name that

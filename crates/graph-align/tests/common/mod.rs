@@ -1,5 +1,7 @@
 //! Random scene graphs for property tests.
 
+#![allow(dead_code, reason = "each test binary uses its share")]
+
 use graph_align::{Box3, Edge, LabelId, Node, NodeId, PredicateId, SceneGraph, Vocabulary};
 use proptest::prelude::*;
 
@@ -18,13 +20,13 @@ pub(crate) fn graph(n: usize) -> impl Strategy<Value = SceneGraph> {
         0..LABELS,
         prop::array::uniform3(-500_i32..500),
         prop::array::uniform3(5_u16..200),
-        0_u8..=255,
+        0_u8..=127,
         1_u32..9,
         0_u32..5000,
-        prop::collection::vec((0..LABELS, 0_u8..=255), 0..3),
+        prop::collection::vec((0..LABELS, 0_u8..=127), 0..3),
         0_u32..4,
     );
-    let edge = (any::<prop::sample::Index>(), any::<prop::sample::Index>(), 0..PREDICATES, 0_u8..=255);
+    let edge = (any::<prop::sample::Index>(), any::<prop::sample::Index>(), 0..PREDICATES, 0_u8..=127);
     (prop::collection::vec(node, 0..n), prop::collection::vec(edge, 0..3 * n)).prop_map(|(nodes, edges)| {
         let mut g = SceneGraph::default();
         let count = nodes.len();
@@ -34,9 +36,9 @@ pub(crate) fn graph(n: usize) -> impl Strategy<Value = SceneGraph> {
             g.insert_node(Node {
                 id: NodeId(k as u64 * 7 + 3),
                 label: LabelId(label),
-                score: f32::from(score) / 255.0,
+                score: f32::from(score) / 127.0,
                 bounds: if k % 3 == 0 { bounds } else { footprint(bounds, k) },
-                others: others.into_iter().map(|(l, s)| (LabelId(l), f32::from(s) / 255.0)).collect(),
+                others: others.into_iter().map(|(l, s)| (LabelId(l), f32::from(s) / 127.0)).collect(),
                 sightings,
                 misses,
                 last_seen: f64::from(seen) / 10.0,
@@ -46,7 +48,7 @@ pub(crate) fn graph(n: usize) -> impl Strategy<Value = SceneGraph> {
             if count > 1 {
                 let (s, t) = (NodeId(s.index(count) as u64 * 7 + 3), NodeId(t.index(count) as u64 * 7 + 3));
                 if s != t {
-                    let e = Edge { s, t, p: PredicateId(p), score: f32::from(score) / 255.0 };
+                    let e = Edge { s, t, p: PredicateId(p), score: f32::from(score) / 127.0 };
                     g.insert_edge(e).expect("living ends");
                 }
             }

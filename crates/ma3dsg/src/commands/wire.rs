@@ -33,12 +33,18 @@ pub(crate) struct EncodeArgs {
     /// Coordinate frame; graphs of one number need no search to be laid together.
     #[arg(long, default_value_t = 0)]
     frame: u32,
+    /// A frame that the receiver has: write only what changed since.
+    #[arg(long, value_name = "FRAME")]
+    since: Option<PathBuf>,
 }
 
 #[derive(clap::Args)]
 pub(crate) struct DecodeArgs {
     /// The frame.
     frame: PathBuf,
+    /// The frame that it was written against with `encode --since`.
+    #[arg(long, value_name = "FRAME")]
+    since: Option<PathBuf>,
     /// Graph file.
     #[arg(short, long, value_name = "GRAPH")]
     out: PathBuf,
@@ -91,7 +97,13 @@ impl EncodeArgs {
                 graph,
                 looked: None,
             };
-            let bytes = wire::encode(&o, &known)?;
+            let bytes = match &self.since {
+                None => wire::encode(&o, &known)?,
+                Some(path) => {
+                    let (base, _) = decode(&files::read(path)?, path)?;
+                    wire::encode_delta(&base, &o, &known)?
+                }
+            };
             say(format!("{} nodes, {} edges, {} bytes", o.graph.len(), o.graph.edges().len(), bytes.len()));
             files::write(&self.out, &bytes)?;
             return Ok(ExitCode::SUCCESS);
@@ -117,7 +129,16 @@ fn decode(bytes: &[u8], path: &Path) -> Result<(Observation, Vocabulary)> {
 
 impl DecodeArgs {
     pub(crate) fn run(self) -> Result<ExitCode> {
-        let (o, vocabulary) = decode(&files::read(&self.frame)?, &self.frame)?;
+        let bytes = files::read(&self.frame)?;
+        let (o, vocabulary) = match &self.since {
+            None => decode(&bytes, &self.frame)?,
+            Some(path) => {
+                let (base, vocabulary) = decode(&files::read(path)?, path)?;
+                let o = wire::decode_delta(&bytes, &base, &vocabulary)
+                    .with_context(|| format!("{}", self.frame.display()))?;
+                (o, vocabulary)
+            }
+        };
         let mut file = GraphFile::of_graph(&o.graph, &vocabulary);
         file.provenance = json!({
             "agent": o.key.agent, "epoch": o.key.epoch, "seq": o.key.seq,

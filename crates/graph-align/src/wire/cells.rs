@@ -1,0 +1,126 @@
+//! What was looked at, as the places where it differs from a guess.
+
+use super::bits::{Reader, Writer};
+use super::{of_cm, to_cm};
+use crate::{Error, Looked};
+
+/// What a cell is expected to be: a constant plus cells before it, modulo 2.
+struct Guess {
+    constant: u8,
+    /// Distances to the cells before it.
+    before: &'static [[usize; 3]],
+}
+
+const fn guess(constant: u8, before: &'static [[usize; 3]]) -> Guess {
+    Guess { constant, before }
+}
+
+/// Unseen; seen; as the one before, the one of the row before, of the layer before; as two of those
+/// and the one before both say.
+const GUESSES: [Guess; 8] = [
+    guess(0, &[]),
+    guess(1, &[]),
+    guess(0, &[[1, 0, 0]]),
+    guess(0, &[[0, 1, 0]]),
+    guess(0, &[[0, 0, 1]]),
+    guess(0, &[[1, 0, 0], [0, 1, 0], [1, 1, 0]]),
+    guess(0, &[[1, 0, 0], [0, 0, 1], [1, 0, 1]]),
+    guess(0, &[[0, 1, 0], [0, 0, 1], [0, 1, 1]]),
+];
+
+impl Guess {
+    /// The bit of a cell, given those before it.
+    fn of(&self, bits: &[u8], at: usize, size: [usize; 3]) -> u8 {
+        let cell = [at % size[0], at / size[0] % size[1], at / (size[0] * size[1])];
+        let bit = |d: &[usize; 3]| {
+            let inside = (0..3).all(|k| cell[k] >= d[k]);
+            let there = inside.then(|| at - (d[2] * size[1] + d[1]) * size[0] - d[0]);
+            there.map_or(0, |t| bits[t / 8] >> (t % 8) & 1)
+        };
+        self.before.iter().fold(self.constant, |sum, d| sum ^ bit(d))
+    }
+}
+
+/// Shortest frame, in bytes, that may hold so many cells.
+pub(super) fn least_bytes(size: [u32; 3]) -> u64 {
+    size.iter().fold(1_u64, |a, &s| a.saturating_mul(u64::from(s))).div_ceil(64)
+}
+
+fn wide(size: [u32; 3]) -> [usize; 3] {
+    size.map(|s| s as usize)
+}
+
+/// Distances between cells that are not as guessed, each at least 0 cells after the one before.
+fn gaps(bits: &[u8], size: [usize; 3], guess: &Guess) -> Vec<u64> {
+    let cells = size.iter().product();
+    let mut next = 0;
+    let mut out = Vec::new();
+    for at in 0..cells {
+        if bits[at / 8] >> (at % 8) & 1 != guess.of(bits, at, size) {
+            out.push((at - next) as u64);
+            next = at + 1;
+        }
+    }
+    out
+}
+
+pub(super) fn put(w: &mut Writer, l: &Looked) {
+    w.number(to_cm(l.cell()).max(1) as u64);
+    let (first, size) = l.span();
+    w.signed(&[0, 1, 2].map(|k| to_cm(l.origin()[k])));
+    w.signed(&first.map(i64::from));
+    w.column(&size.map(u64::from));
+    let ways = GUESSES.map(|guess| {
+        let gaps = gaps(l.bits(), wide(size), &guess);
+        let mut w = Writer::default();
+        w.column(&gaps);
+        (w.finish().len(), gaps)
+    });
+    // The first of equals.
+    let Some((guess, (_, gaps))) = ways.iter().enumerate().min_by_key(|(_, w)| w.0) else { return };
+    w.bits(guess as u64, 3);
+    w.number(gaps.len() as u64);
+    w.column(gaps);
+}
+
+pub(super) fn read(r: &mut Reader<'_>, frame_bytes: usize) -> Result<Looked, Error> {
+    let cell = of_cm(i64::from(r.u32()?));
+    let origin = r.signed(3)?;
+    if let Some(o) = origin.iter().find(|o| o.unsigned_abs() > 100_000_000) {
+        return Err(r.bad(format!("origin {o} cm, want at most 1e6 m")));
+    }
+    let first = r.signed(3)?;
+    let size = r.column(3, u64::from(u32::MAX))?;
+    let mut low = [0_i32; 3];
+    let mut sides = [0_u32; 3];
+    for k in 0..3 {
+        low[k] = i32::try_from(first[k]).map_err(|_| r.bad("a cell beyond 32 bits"))?;
+        sides[k] = u32::try_from(size[k]).map_err(|_| r.bad("a side beyond 32 bits"))?;
+    }
+    if least_bytes(sides) > frame_bytes as u64 {
+        return Err(r.bad(format!("a box of {sides:?} cells in a frame of {frame_bytes} bytes")));
+    }
+    let size = wide(sides);
+    let cells: usize = size.iter().product();
+    let guess = &GUESSES[r.bits(3)? as usize];
+    let count = r.number()?;
+    let Some(count) = usize::try_from(count).ok().filter(|&c| c <= cells) else {
+        return Err(r.bad(format!("{count} surprises in {cells} cells")));
+    };
+    let gaps = r.column(count, cells as u64)?;
+    let mut bits = vec![0_u8; cells.div_ceil(8)];
+    let mut at = 0;
+    for gap in gaps.iter().copied().map(Some).chain([None]) {
+        let surprise = gap.map_or(cells, |g| at + g as usize);
+        if surprise > cells || gap.is_some() && surprise == cells {
+            return Err(r.bad("a surprise outside the box"));
+        }
+        while at <= surprise && at < cells {
+            let bit = guess.of(&bits, at, size) ^ u8::from(at == surprise);
+            bits[at / 8] |= bit << (at % 8);
+            at += 1;
+        }
+    }
+    let origin = [origin[0], origin[1], origin[2]].map(of_cm);
+    Looked::from_bits(cell, origin, low, sides, &bits).map_err(|e| r.bad(e.to_string()))
+}

@@ -1,0 +1,116 @@
+//! An observation as what changed since another one.
+
+use super::bits::{Reader, Writer};
+use super::{
+    DELTA, LOOKED, LOOKED_AS_BEFORE, MAX_EDGES, MAX_NODES, NODE_BYTES, cells, check_size, encode, flags_of,
+    head, only_way, open, padded, put_edges, put_name, put_nodes, read_edges, read_name, read_nodes,
+};
+use crate::{Edge, Error, Node, Observation, SceneGraph, Vocabulary};
+
+/// What `o` changes of `base`, an observation that the receiver has, as bytes. Worth it where few
+/// nodes changed: those that did travel whole.
+///
+/// # Errors
+/// As [`encode`].
+pub fn encode_delta(base: &Observation, o: &Observation, vocabulary: &Vocabulary) -> Result<Vec<u8>, Error> {
+    check_size(&o.graph)?;
+    let (old, new) = (base.graph.quantised(), o.graph.quantised());
+    let nodes: Vec<&Node> = new.nodes().filter(|n| old.node(n.id) != Some(n)).collect();
+    let edges: Vec<Edge> = new.edges().filter(|e| !has(&old, e)).collect();
+    let looked = o.looked.as_ref().filter(|l| base.looked.as_ref() != Some(l));
+    let looked_flag = match (&o.looked, looked) {
+        (_, Some(_)) => LOOKED,
+        (Some(_), None) => LOOKED_AS_BEFORE,
+        (None, None) => 0,
+    };
+    let mut w = head(flags_of(&nodes) | DELTA | looked_flag, vocabulary);
+    w.bits(u64::from(fingerprint(&encode(base, vocabulary)?)), 32);
+    put_name(&mut w, o);
+    put_places(&mut w, old.nodes().map(|n| new.node(n.id).is_none()));
+    put_places(&mut w, survivors(&old, &new).map(|e| new.edge(e.s, e.t, e.p).is_none()));
+    w.number(nodes.len() as u64);
+    w.number(edges.len() as u64);
+    put_nodes(&mut w, &nodes, o.end_ds);
+    put_edges(&mut w, &new, &edges);
+    if let Some(looked) = looked {
+        cells::put(&mut w, looked);
+    }
+    Ok(padded(w, nodes.len(), edges.len(), looked))
+}
+
+/// The observation of which `bytes` say what it changes of `base`.
+///
+/// # Errors
+/// As [`super::decode`]; another base than the one that the frame was made with.
+pub fn decode_delta(bytes: &[u8], base: &Observation, vocabulary: &Vocabulary) -> Result<Observation, Error> {
+    let (flags, mut r) = open(bytes, vocabulary)?;
+    let known = super::EVIDENCE | super::FOOTPRINTS | DELTA | LOOKED | LOOKED_AS_BEFORE;
+    if flags & DELTA == 0 || flags & !known != 0 || flags & LOOKED != 0 && flags & LOOKED_AS_BEFORE != 0 {
+        return Err(r.bad(format!("flags {flags:#x} of no delta")));
+    }
+    if r.bits(32)? != u64::from(fingerprint(&encode(base, vocabulary)?)) {
+        return Err(r.bad("made for another base"));
+    }
+    let (key, end_ds, frame) = read_name(&mut r)?;
+    let mut graph = base.graph.quantised();
+    let old: Vec<_> = graph.nodes().map(|n| n.id).collect();
+    for k in read_places(&mut r, old.len())? {
+        graph.remove_node(old[k]);
+    }
+    let old: Vec<Edge> = graph.edges().collect();
+    for k in read_places(&mut r, old.len())? {
+        graph.remove_edge(&old[k]);
+    }
+    let (n, m) = (r.count(MAX_NODES, bytes.len() / NODE_BYTES)?, r.count(MAX_EDGES, bytes.len())?);
+    read_nodes(&mut r, n, flags, end_ds, vocabulary)?.into_iter().for_each(|n| graph.insert_node(n));
+    for e in read_edges(&mut r, m, &graph, vocabulary)? {
+        graph.remove_edge(&e);
+        graph.insert_edge(e).map_err(|e| r.bad(e.to_string()))?;
+    }
+    let looked = match (flags & LOOKED != 0, flags & LOOKED_AS_BEFORE != 0) {
+        (true, _) => Some(cells::read(&mut r, bytes.len())?),
+        (false, true) => base.looked.clone(),
+        (false, false) => None,
+    };
+    let o = Observation { key, end_ds, frame, graph, looked };
+    only_way(&encode_delta(base, &o, vocabulary)?, bytes)?;
+    Ok(o)
+}
+
+fn has(graph: &SceneGraph, e: &Edge) -> bool {
+    graph.edge(e.s, e.t, e.p) == Some(e.score)
+}
+
+/// Edges of `old` whose ends are still there.
+fn survivors<'a>(old: &'a SceneGraph, new: &'a SceneGraph) -> impl Iterator<Item = Edge> + 'a {
+    old.edges().filter(|e| new.node(e.s).is_some() && new.node(e.t).is_some())
+}
+
+/// Which of a list: how many, and the distance of each to the one before.
+fn put_places(w: &mut Writer, list: impl Iterator<Item = bool>) {
+    let mut next = 0;
+    let of = |(k, _): (usize, bool)| (k - std::mem::replace(&mut next, k + 1)) as u64;
+    let gaps: Vec<u64> = list.enumerate().filter(|l| l.1).map(of).collect();
+    w.number(gaps.len() as u64);
+    w.column(&gaps);
+}
+
+fn read_places(r: &mut Reader<'_>, of: usize) -> Result<Vec<usize>, Error> {
+    let n = r.count(of, of)?;
+    let mut next = 0;
+    let mut out = Vec::with_capacity(n);
+    for gap in r.column(n, of as u64)? {
+        let k = next + gap as usize;
+        if k >= of {
+            return Err(r.bad(format!("place {k} in a list of {of}")));
+        }
+        out.push(k);
+        next = k + 1;
+    }
+    Ok(out)
+}
+
+/// FNV-1a, 32 bits.
+fn fingerprint(bytes: &[u8]) -> u32 {
+    bytes.iter().fold(0x811c_9dc5, |h, &b| (h ^ u32::from(b)).wrapping_mul(0x0100_0193))
+}

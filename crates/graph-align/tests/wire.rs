@@ -1,0 +1,221 @@
+//! Frames: what is written is read back, what is damaged is refused, and they are as short as promised.
+
+#![cfg(feature = "wire")]
+#![allow(clippy::expect_used, reason = "a test that cannot go on fails")]
+
+mod common;
+
+use common::{graph, looked, vocabulary};
+use graph_align::{
+    Box3, Edge, Footprint, Key, LabelId, Looked, Node, NodeId, Observation, PredicateId, SceneGraph,
+    Vocabulary, wire,
+};
+use proptest::prelude::*;
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::{Rng, SeedableRng};
+
+proptest! {
+    #[test]
+    fn frames_carry_the_quantised_graph(g in graph(30), looked in looked(), seq in any::<u32>()) {
+        let v = vocabulary();
+        let o = Observation { key: Key { start_ds: 100, agent: 3, epoch: 1, seq }, end_ds: 900, frame: 2, graph: g, looked: Some(looked) };
+        let bytes = wire::encode(&o, &v).expect("small");
+        let back = wire::decode(&bytes, &v).expect("own frame");
+        prop_assert_eq!(&back.graph, &o.graph.quantised());
+        prop_assert_eq!(&back.looked, &o.looked);
+        prop_assert_eq!(wire::encode(&back, &v).expect("small"), bytes);
+    }
+
+    #[test]
+    fn broken_frames_are_refused_or_canonical(g in graph(12), looked in looked(), at in any::<prop::sample::Index>(), flip in 1..=255_u8, cut in any::<prop::sample::Index>()) {
+        let v = vocabulary();
+        let o = Observation { key: Key { start_ds: 1, agent: 0, epoch: 0, seq: 0 }, end_ds: 2, frame: 0, graph: g, looked: Some(looked) };
+        let bytes = wire::encode(&o, &v).expect("small");
+        prop_assert!(wire::decode(&bytes[..cut.index(bytes.len())], &v).is_err());
+        let mut flipped = bytes.clone();
+        let at = at.index(flipped.len());
+        flipped[at] ^= flip;
+        if let Ok(read) = wire::decode(&flipped, &v) {
+            prop_assert_eq!(wire::encode(&read, &v).expect("small"), flipped);
+        }
+        let mut longer = bytes;
+        longer.push(0);
+        prop_assert!(wire::decode(&longer, &v).is_err());
+    }
+
+    /// A delta on its base is the observation, and on another base, or damaged, an error or what an
+    /// encoder would have written.
+    #[test]
+    fn deltas_carry_the_difference(
+        old in graph(20), new in graph(20), share in any::<bool>(), old_looked in looked(),
+        new_looked in prop::option::of(looked()), at in any::<prop::sample::Index>(), flip in 1..=255_u8,
+    ) {
+        let v = vocabulary();
+        let observation = |graph, looked| Observation {
+            key: Key { start_ds: 100, agent: 3, epoch: 1, seq: 5 }, end_ds: 900, frame: 2, graph, looked,
+        };
+        // A base that shares half of its nodes with the new graph.
+        let mut base = SceneGraph::default();
+        for (k, n) in old.nodes().enumerate() {
+            let same = new.node(n.id).filter(|_| k % 2 == 0);
+            base.insert_node(same.unwrap_or(n).clone());
+        }
+        old.edges().chain(new.edges()).for_each(|e| { let _ = base.insert_edge(e); });
+        let base = observation(base, Some(old_looked.clone()));
+        let o = observation(new, if share { Some(old_looked) } else { new_looked });
+        let bytes = wire::encode_delta(&base, &o, &v).expect("small");
+        let back = wire::decode_delta(&bytes, &base, &v).expect("own delta");
+        prop_assert_eq!(&back.graph, &o.graph.quantised());
+        prop_assert_eq!(&back.looked, &o.looked);
+        prop_assert_eq!((back.key, back.end_ds, back.frame), (o.key, o.end_ds, o.frame));
+        prop_assert!(wire::decode(&bytes, &v).is_err());
+        let mut other = base.clone();
+        other.end_ds += 1;
+        prop_assert!(wire::decode_delta(&bytes, &other, &v).is_err());
+        let mut flipped = bytes.clone();
+        let at = at.index(flipped.len());
+        flipped[at] ^= flip;
+        if let Ok(read) = wire::decode_delta(&flipped, &base, &v) {
+            prop_assert_eq!(wire::encode_delta(&base, &read, &v).expect("small"), flipped);
+        }
+        prop_assert!(wire::decode_delta(&bytes[..at], &base, &v).is_err());
+    }
+}
+
+/// A building: rooms of 5 m on a grid, nodes and edges spread evenly over them, in l20 or l160 names.
+fn building(rooms: u64, nodes: u64, edges: u64, names: (u16, u16), seed: u64) -> (SceneGraph, Vocabulary) {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let mut pick = move |n: u64| rng.next_u64() % n;
+    let name = |k: u16| format!("name {k}");
+    let (labels, predicates): (Vec<_>, Vec<_>) =
+        ((0..names.0).map(name).collect(), (0..names.1).map(name).collect());
+    let v = Vocabulary::new(labels.iter().map(String::as_str), predicates.iter().map(String::as_str))
+        .expect("names differ");
+    let mut g = SceneGraph::default();
+    for k in 0..nodes {
+        let room = k * rooms / nodes;
+        let corner = [(room % 7) as f32 * 8.0, (room / 7) as f32 * 8.0, 0.0];
+        let mut cm = |most: u64| pick(most) as f32 / 100.0;
+        let centroid = [corner[0] + cm(500), corner[1] + cm(500), corner[2] + cm(260)];
+        let extent = if k % 5 == 0 { [cm(500), cm(20), cm(260)] } else { [cm(150), cm(150), cm(150)] };
+        let mut n = Node::new(
+            NodeId(k),
+            LabelId(pick(u64::from(names.0)) as u16),
+            Box3::new(centroid, extent).expect("finite"),
+        );
+        n.score = pick(128) as f32 / 127.0;
+        n.sightings = 1 + pick(6) as u32;
+        n.last_seen = (room * 600 + pick(600)) as f64 / 10.0;
+        g.insert_node(n);
+    }
+    while (g.edges().len() as u64) < edges {
+        let room = pick(rooms);
+        let (first, last) = ((room * nodes).div_ceil(rooms), ((room + 1) * nodes).div_ceil(rooms));
+        let mut end = || NodeId(first + pick(last - first));
+        let (s, t) = (end(), end());
+        let e =
+            Edge { s, t, p: PredicateId(pick(u64::from(names.1)) as u16), score: pick(128) as f32 / 127.0 };
+        // A node has no edge with itself.
+        let _ = g.insert_edge(e);
+    }
+    (g, v)
+}
+
+/// Two more classes, a footprint for every fourth node, and what was looked at in cells of 0.5 m:
+/// rooms but for what stands behind furniture.
+fn with_evidence(g: &SceneGraph, rooms: u64, seed: u64) -> (SceneGraph, Looked) {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let mut out = SceneGraph::default();
+    for n in g.nodes() {
+        let mut n = n.clone();
+        n.others =
+            (1..3).map(|k| (LabelId((n.label.0 + k) % 20), (rng.next_u64() % 64) as f32 / 127.0)).collect();
+        if n.id.0 % 4 == 0 {
+            let sides = [n.bounds.extent().x, n.bounds.extent().y];
+            n.bounds = n.bounds.with_footprint(Footprint { sides, yaw: 0.5 }).expect("sides of a box");
+        }
+        out.insert_node(n);
+    }
+    g.edges().for_each(|e| out.insert_edge(e).expect("living ends"));
+    let mut cells = Vec::new();
+    for room in 0..rooms as i32 {
+        let mut pick = |n: i32| (rng.next_u64() % n as u64) as i32;
+        let hidden: Vec<[i32; 3]> = (0..6).map(|_| [pick(12), pick(12), pick(7)]).collect();
+        for c in 0..12 * 12 * 7 {
+            let c = [c % 12, c / 12 % 12, c / 144];
+            if !hidden.iter().any(|h| (0..3).all(|k| (h[k]..h[k] + 3).contains(&c[k]))) {
+                cells.push([room % 7 * 16 + c[0] - 1, room / 7 * 16 + c[1] - 1, c[2] - 1]);
+            }
+        }
+    }
+    (out, Looked::new(0.5, [0.0; 3], &cells).expect("small"))
+}
+
+fn frame(graph: SceneGraph, looked: Option<Looked>) -> Observation {
+    Observation {
+        key: Key { start_ds: 0, agent: 3, epoch: 0, seq: 7 },
+        end_ds: 30_000,
+        frame: 3,
+        graph: graph.quantised(),
+        looked,
+    }
+}
+
+#[test]
+fn frames_are_short() {
+    for (rooms, nodes, edges, names) in
+        [(1, 30, 100, (20, 8)), (47, 766, 2_600, (20, 8)), (47, 1_588, 5_546, (160, 26))]
+    {
+        let (g, v) = building(rooms, nodes, edges, names, 5);
+        let plain = wire::encode(&frame(g.clone(), None), &v).expect("small").len() as u64;
+        let budget = 14 * nodes + 4 * edges + 64;
+        assert!(plain <= budget, "{plain} bytes for {nodes} nodes, want {budget}");
+        let (full, looked) = with_evidence(&g, rooms, 6);
+        let full = wire::encode(&frame(full, Some(looked)), &v).expect("small").len() as u64;
+        println!("{nodes} nodes, {edges} edges: {plain} bytes of {budget}, with evidence {full}");
+        assert!(full <= plain + 8 * nodes, "{full} bytes with evidence, {plain} without, {nodes} nodes");
+    }
+}
+
+/// Six nodes change their class and place, get relations, and one leaves.
+#[test]
+fn deltas_are_short() {
+    let (g, v) = building(1, 34, 120, (20, 8), 9);
+    let (g, looked) = with_evidence(&g, 1, 10);
+    let base = frame(g.clone(), Some(looked));
+    let mut new = g.clone();
+    new.remove_node(NodeId(33));
+    for k in [2, 7, 8, 15, 20, 31] {
+        let n = g.node(NodeId(k)).expect("there");
+        let moved = Box3::new([k as f32 / 10.0, 1.0, 0.5], n.bounds.extent().into()).expect("finite");
+        new.insert_node(Node { label: LabelId(k as u16 % 20), bounds: moved, ..n.clone() });
+        new.insert_edge(Edge { s: NodeId(k), t: NodeId(0), p: PredicateId(3), score: 0.5 })
+            .expect("both there");
+    }
+    let mut o = frame(new, base.looked.clone());
+    o.key.seq += 1;
+    let bytes = wire::encode_delta(&base, &o, &v).expect("small");
+    assert!(bytes.len() <= 170, "{} bytes", bytes.len());
+    assert_eq!(wire::decode_delta(&bytes, &base, &v).expect("own delta").graph, o.graph);
+}
+
+/// A short frame cannot ask for much memory: counts and grids are bounded by its length.
+#[test]
+fn bombs_are_refused() {
+    let v = vocabulary();
+    let mut same = SceneGraph::default();
+    for k in 0..2_000 {
+        same.insert_node(Node::new(NodeId(k), LabelId(0), Box3::new([0.0; 3], [1.0; 3]).expect("finite")));
+    }
+    let far: Vec<[i32; 3]> = vec![[0, 0, 0], [199, 199, 199]];
+    let far = Looked::new(0.5, [0.0; 3], &far).expect("8 million cells");
+    for o in [frame(same, None), frame(SceneGraph::default(), Some(far))] {
+        let bytes = wire::encode(&o, &v).expect("within limits");
+        assert_eq!(wire::decode(&bytes, &v).expect("own frame"), o);
+        let held = o.graph.len() * 128 + o.looked.as_ref().map_or(0, |l| l.bits().len());
+        assert!(held <= 32 * bytes.len(), "{} bytes ask for {held}", bytes.len());
+        // The zeros at the end are what makes it long enough.
+        let end = bytes.iter().rposition(|&b| b != 0).expect("not all zero");
+        assert!(wire::decode(&bytes[..=end], &v).is_err());
+    }
+}
