@@ -1,6 +1,6 @@
 //! Scored segments to the scene graph of a visit: segments of one object become one node.
 
-use crate::{Error, NONE, NodeSet, SAME_PART, Scores};
+use crate::{Error, NONE, NodeSet, SAME_PART, Scores, parts};
 use graph_align::{Edge, LabelId, Node, NodeId, SceneGraph, Vocabulary};
 use std::collections::BTreeMap;
 
@@ -11,8 +11,8 @@ pub struct GraphParams {
     pub min_class: f32,
     /// An edge needs at least this probability of its predicate.
     pub min_predicate: f32,
-    /// Two segments are one object when the mean probability of `same part` over both directions
-    /// exceeds this and their classes agree.
+    /// Two groups of segments are one object when the mean over their pairs of neighbours of
+    /// (probability of `same part`) x (cosine of their class probabilities) exceeds this.
     pub min_same_part: f32,
     /// Every predicate above `min_predicate` counts, not the best alone (l160).
     pub multi: bool,
@@ -61,7 +61,7 @@ pub fn build_graph(
             set.edges.len()
         )));
     }
-    let groups = groups(set, scores, predicate_names, p);
+    let groups = parts::groups(set, scores, predicate_names, p.min_same_part);
     let mut graph = SceneGraph::default();
     let mut node_of = vec![None; set.nodes.len()];
     for members in members(&groups).values() {
@@ -103,23 +103,6 @@ fn others(
     order.sort_by(|&a, &b| mean[b].total_cmp(&mean[a]).then(a.cmp(&b)));
     order.truncate(Node::MAX_OTHERS);
     order.iter().map(|&k| Ok((vocabulary.label(&names[k])?, mean[k]))).collect()
-}
-
-/// Representative (smallest index) of each segment's object.
-fn groups(set: &NodeSet, scores: &Scores, predicate_names: &[String], p: &GraphParams) -> Vec<usize> {
-    let mut group: Vec<usize> = (0..set.nodes.len()).collect();
-    let Some(same) = predicate_names.iter().position(|n| n == SAME_PART) else { return group };
-    let of_pair: BTreeMap<[usize; 2], f32> =
-        set.edges.iter().zip(&scores.predicates).map(|(e, s)| (*e, s[same])).collect();
-    let class: Vec<usize> = scores.classes.iter().map(|c| argmax(c).0).collect();
-    for (&[i, j], &forth) in of_pair.iter().filter(|([i, j], _)| i < j) {
-        let back = of_pair.get(&[j, i]).copied().unwrap_or(0.0);
-        if class[i] == class[j] && (forth + back) / 2.0 > p.min_same_part {
-            let (a, b) = (group[i].min(group[j]), group[i].max(group[j]));
-            group.iter_mut().filter(|g| **g == b).for_each(|g| *g = a);
-        }
-    }
-    group
 }
 
 fn members(group: &[usize]) -> BTreeMap<usize, Vec<usize>> {

@@ -23,6 +23,7 @@ mod fusion;
 mod instances;
 mod looked;
 mod nodes;
+mod parts;
 mod robot;
 
 pub use fusion::{Fused, Scores};

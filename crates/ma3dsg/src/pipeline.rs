@@ -24,7 +24,7 @@ pub(crate) fn robot(quality: Quality) -> RobotParams {
     };
     let graph = GraphParams {
         min_class: MIN_CLASS,
-        min_same_part: 0.65,
+        min_same_part: 0.2,
         min_predicate: 0.4,
         ..GraphParams::default()
     };
@@ -51,7 +51,7 @@ pub(crate) fn set_robust(params: &mut graph_align::RobustParams, list: &[String]
 }
 
 /// Probability of its class that a node of a graph has; chosen on validation rooms.
-pub(crate) const MIN_CLASS: f32 = 0.5;
+pub(crate) const MIN_CLASS: f32 = 0.45;
 
 /// The names that frames of a label set may use: its classes, "none" for what has no name, and its
 /// predicates.
