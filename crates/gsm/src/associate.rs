@@ -191,7 +191,7 @@ impl Association {
             let through = looked_through(frame, x, y, p[2] + 2.0 * tolerance);
             return if through { Sight::Doubt(Doubt::Through) } else { Sight::Nothing };
         }
-        let n = frame.normal[i];
+        let n = frame.normal(i);
         if n == [0.0; 3] || p[2] > z + 3.0 * tolerance + 0.1 * z {
             return Sight::Nothing;
         }

@@ -9,6 +9,9 @@ pub(crate) const RIGHT: u8 = 1;
 /// Link of a pixel to the one below is unbroken.
 pub(crate) const DOWN: u8 = 2;
 
+/// Rows per band: bands are worked in parallel, and prefix sums start anew in each, whatever the number of threads.
+pub(crate) const BAND: usize = 32;
+
 /// Everything the kernels know about the current frame; images are row-major, camera frame, metres.
 #[derive(Debug, Default)]
 pub(crate) struct Frame {
@@ -25,8 +28,6 @@ pub(crate) struct Frame {
     /// Inverse length of each pixel's ray.
     pub(crate) ray_scale: Vec<f32>,
     pub(crate) noise: NoiseTable,
-    /// Prefix sums of a band of rows.
-    pub(crate) prefix: Vec<[f32; 4]>,
     /// Block-averaged depth, 0 = invalid.
     pub(crate) z: Vec<f32>,
     /// Its inverse (linear over the image on a plane), steadied by prediction, 0 = invalid.
@@ -37,14 +38,18 @@ pub(crate) struct Frame {
     pub(crate) slack: Vec<f32>,
     /// [`RIGHT`] and [`DOWN`] bits.
     pub(crate) links: Vec<u8>,
+    /// Radius of the window, its reach, and sigma after smoothing.
+    pub(crate) radius: Vec<u8>,
+    pub(crate) reach: Vec<u8>,
+    pub(crate) tight: Vec<f32>,
     /// Unbroken reach left, right, up, down within the window, pixels.
-    pub(crate) arms: Vec<[u8; 4]>,
+    pub(crate) arms: [Vec<u8>; 4],
     /// Row fit: value and slope of inverse depth, and 1 where the slope is valid.
-    pub(crate) row_fit: Vec<[f32; 3]>,
+    pub(crate) row_fit: [Vec<f32>; 3],
     /// Depth of the plane fitted around the pixel, 0 where there is no normal.
     pub(crate) smooth: Vec<f32>,
     /// Unit normal towards the camera, zero = none.
-    pub(crate) normal: Vec<[f32; 3]>,
+    pub(crate) normal: [Vec<f32>; 3],
     /// Cosine between normal and viewing ray.
     pub(crate) cos: Vec<f32>,
     /// 1 = crease, step or image edge: no seed of a region.
@@ -112,15 +117,24 @@ impl Frame {
         self.gain = vec![1.0; n];
         self.slack = vec![0.0; n];
         self.links = vec![0; n];
-        self.arms = vec![[0; 4]; n];
-        self.row_fit = vec![[0.0; 3]; n];
+        self.radius = vec![0; n];
+        self.reach = vec![0; n];
+        self.tight = vec![0.0; n];
+        self.arms = std::array::from_fn(|_| vec![0; n]);
+        self.row_fit = std::array::from_fn(|_| vec![0.0; n]);
         self.smooth = vec![0.0; n];
-        self.normal = vec![[0.0; 3]; n];
+        self.normal = std::array::from_fn(|_| vec![0.0; n]);
         self.cos = vec![0.0; n];
         self.edge = vec![1; n];
         self.label = vec![0; n];
         (self.width, self.height, self.factor) = (w, h, factor);
         (self.camera, self.source) = (Some(camera), Some(*source));
+    }
+
+    /// Unit normal of a pixel, zero = none.
+    #[inline]
+    pub(crate) fn normal(&self, i: usize) -> [f32; 3] {
+        [self.normal[0][i], self.normal[1][i], self.normal[2][i]]
     }
 
     /// The smoothed point of a pixel.

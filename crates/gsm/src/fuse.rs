@@ -17,7 +17,7 @@ pub(crate) fn fuse(step: Step<'_>, association: &Association, votes: &Votes, sto
     let Store { surfels, segments, .. } = store;
     for m in &association.matches {
         let i = m.pixel as usize;
-        let n = frame.normal[i];
+        let n = frame.normal(i);
         let cos = frame.cos[i];
         if cos < params.min_incidence_cos {
             continue;
@@ -109,7 +109,7 @@ pub(crate) fn create(
     for y in 0..frame.height {
         for x in 0..frame.width {
             let i = y * frame.width + x;
-            let (n, cos) = (frame.normal[i], frame.cos[i]);
+            let (n, cos) = (frame.normal(i), frame.cos[i]);
             if n == [0.0; 3] || cos < params.min_incidence_cos || !association.is_bare(i) {
                 continue;
             }

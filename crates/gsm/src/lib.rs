@@ -34,6 +34,7 @@ mod event;
 mod frame;
 mod fuse;
 mod gravity;
+mod lanes;
 mod links;
 mod map;
 mod merge;

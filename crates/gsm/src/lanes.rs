@@ -1,0 +1,39 @@
+//! Eight pixels of a row at a time, in plain arrays that the compiler turns into vector registers.
+
+/// Pixels that are worked together.
+pub(crate) const LANES: usize = 8;
+pub(crate) type Lanes = [f32; LANES];
+
+/// Runs a kernel compiled for the widest vectors this processor has. No fused multiply-add is ever used, so that
+/// every processor gives the same bits.
+#[inline(always)]
+pub(crate) fn wide<R>(kernel: impl FnOnce() -> R) -> R {
+    pulp::Arch::new().dispatch(kernel)
+}
+
+/// The eight values from `i` on; zeros when there are not so many.
+#[inline(always)]
+pub(crate) fn load(plane: &[f32], i: usize) -> Lanes {
+    plane.get(i..i + LANES).and_then(|s| s.first_chunk()).copied().unwrap_or([0.0; LANES])
+}
+
+/// Stores eight values from `i` on, if there is room.
+#[inline(always)]
+pub(crate) fn store(plane: &mut [f32], i: usize, values: Lanes) {
+    if let Some(to) = plane.get_mut(i..i + LANES).and_then(|s| s.first_chunk_mut()) {
+        *to = values;
+    }
+}
+
+/// Eight bytes from `i` on as one word, the first lowest; 0 when there are not so many.
+#[inline(always)]
+pub(crate) fn word(plane: &[u8], i: usize) -> u64 {
+    plane.get(i..i + LANES).and_then(|s| s.first_chunk()).map_or(0, |b| u64::from_le_bytes(*b))
+}
+
+/// The byte that all eight of a word are, if they are equal.
+#[inline(always)]
+pub(crate) fn same(word: u64) -> Option<usize> {
+    let byte = word & 0xff;
+    (word == byte.wrapping_mul(0x0101_0101_0101_0101)).then_some(byte as usize)
+}
