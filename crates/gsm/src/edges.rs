@@ -2,7 +2,7 @@
 
 use crate::Params;
 use crate::frame::{BAND, Frame};
-use crate::lanes::{LANES, load, same, wide};
+use crate::lanes::{LANES, Lanes, load, same, wide};
 use rayon::prelude::*;
 
 /// Writes `edge`. A pixel is an edge when it has no normal, when a link to one of its four neighbours is broken,
@@ -25,6 +25,9 @@ pub(crate) fn edges(frame: &mut Frame, params: &Params) {
     frame.edge = edge;
 }
 
+/// Normal (three), depth and ray (two) of eight pixels on either side.
+type Sides = [[Lanes; 6]; 2];
+
 struct Test<'a> {
     frame: &'a Frame,
     /// Cosine of the angle of a crease.
@@ -38,38 +41,24 @@ impl Test<'_> {
     fn row(&self, y: usize, edge: &mut [u8]) {
         let w = edge.len();
         let row = y * w;
-        let (mut along, mut across) = ([0u8; LANES], [0u8; LANES]);
+        let (mut along, mut across);
         for (x, edge) in edge.chunks_mut(LANES).enumerate().map(|(c, e)| (c * LANES, e)) {
+            (along, across) = ([0; LANES], [0; LANES]);
             self.reach(row + x, &mut along[..edge.len()], &mut across[..edge.len()]);
             let (k, m) = (u64::from_le_bytes(along), u64::from_le_bytes(across));
             if k == 0 || m == 0 {
                 edge.fill(1);
                 continue;
             }
-            if edge.len() == LANES
-                && let (Some(k), Some(m)) = (same(k), same(m))
-            {
-                let i = row + x;
-                let tight = load(&self.frame.tight, i);
-                let own = load(&self.frame.smooth, i);
-                let [x1, x2] = [x - k, x + k].map(|x| load(&self.frame.ray_x, x));
-                let (ray_x, ray_y) = (load(&self.frame.ray_x, x), self.frame.ray_y[y]);
-                let sides = [self.side(i - k), self.side(i + k)];
-                let hit = self.creased(sides, [x1, x2], [ray_y, ray_y], tight);
-                let sides = [self.side(i - m * w), self.side(i + m * w)];
-                let rays = [self.frame.ray_y[y - m], self.frame.ray_y[y + m]];
-                let hit2 = self.creased(sides, [ray_x, ray_x], rays, tight);
-                for (j, e) in edge.iter_mut().enumerate() {
-                    *e = u8::from(hit[j] | hit2[j] | (own[j] == 0.0));
-                }
-                continue;
-            }
+            let (own, tight) = (load(&self.frame.smooth, row + x), load(&self.frame.tight, row + x));
+            let sides = match (same(k), same(m)) {
+                (Some(k), Some(m)) if edge.len() == LANES => self.sides_alike([x, y], [k, m]),
+                _ => self.sides([x, y], along, across),
+            };
+            let hit = sides.map(|s| self.creased(&s, &tight));
             for (j, e) in edge.iter_mut().enumerate() {
-                let (i, x) = (row + x + j, x + j);
-                let (k, m) = (along[j] as usize, across[j] as usize);
-                *e = u8::from(
-                    k == 0 || m == 0 || self.frame.smooth[i] == 0.0 || self.creased_at(i, [x, y], [k, m]),
-                );
+                let broken = (along[j] == 0) | (across[j] == 0) | (own[j] == 0.0);
+                *e = u8::from(broken | hit[0][j] | hit[1][j]);
             }
         }
     }
@@ -88,45 +77,52 @@ impl Test<'_> {
         }
     }
 
-    /// Normals and smoothed depths of the eight pixels from `i` on.
+    /// Both sides along the row and along the column of eight pixels, at the same distances.
     #[inline(always)]
-    fn side(&self, i: usize) -> [[f32; LANES]; 4] {
-        let [x, y, z] = self.frame.normal.each_ref().map(|n| load(n, i));
-        [x, y, z, load(&self.frame.smooth, i)]
-    }
-
-    /// One pixel at a time.
-    fn creased_at(&self, i: usize, [x, y]: [usize; 2], [k, m]: [usize; 2]) -> bool {
+    fn sides_alike(&self, [x, y]: [usize; 2], [k, m]: [usize; 2]) -> [Sides; 2] {
         let f = self.frame;
-        let one = |i: usize| {
-            let [x, y, z] = f.normal(i);
-            [[x], [y], [z], [f.smooth[i]]]
+        let i = y * f.width + x;
+        let side = |i: usize, ray_x: Lanes, ray_y: f32| {
+            let [nx, ny, nz] = f.normal.each_ref().map(|n| load(n, i));
+            [nx, ny, nz, load(&f.smooth, i), ray_x, [ray_y; LANES]]
         };
-        let (rx, ry, tight) = (&f.ray_x, &f.ray_y, [f.tight[i]]);
-        self.creased([one(i - k), one(i + k)], [[rx[x - k]], [rx[x + k]]], [ry[y], ry[y]], tight)[0]
-            || self.creased(
-                [one(i - m * f.width), one(i + m * f.width)],
-                [[rx[x]], [rx[x]]],
-                [ry[y - m], ry[y + m]],
-                tight,
-            )[0]
+        let (a, b, own) = (load(&f.ray_x, x - k), load(&f.ray_x, x + k), load(&f.ray_x, x));
+        let row = [side(i - k, a, f.ray_y[y]), side(i + k, b, f.ray_y[y])];
+        let (up, down) = (i - m * f.width, i + m * f.width);
+        [row, [side(up, own, f.ray_y[y - m]), side(down, own, f.ray_y[y + m])]]
     }
 
-    /// Whether the surface bends inwards or steps between the two sides of each of `N` pixels, given by normal and
-    /// depth, ray columns and ray rows.
+    /// The same at any distances.
     #[inline(always)]
-    fn creased<const N: usize>(
-        &self,
-        [a, b]: [[[f32; N]; 4]; 2],
-        [ax, bx]: [[f32; N]; 2],
-        [ay, by]: [f32; 2],
-        tight: [f32; N],
-    ) -> [bool; N] {
-        let mut hit = [false; N];
-        for j in 0..N {
+    fn sides(&self, [x, y]: [usize; 2], along: [u8; LANES], across: [u8; LANES]) -> [Sides; 2] {
+        let f = self.frame;
+        let mut sides = [[[[0.0; LANES]; 6]; 2]; 2];
+        let lanes = LANES.min(f.width - x);
+        for j in 0..lanes {
+            let (k, m, x) = (along[j] as usize, across[j] as usize, x + j);
+            let i = y * f.width + x;
+            let mut side = |d: usize, s: usize, i: usize, x: usize, y: usize| {
+                let [nx, ny, nz] = f.normal(i);
+                for (to, v) in sides[d][s].iter_mut().zip([nx, ny, nz, f.smooth[i], f.ray_x[x], f.ray_y[y]]) {
+                    to[j] = v;
+                }
+            };
+            side(0, 0, i - k, x - k, y);
+            side(0, 1, i + k, x + k, y);
+            side(1, 0, i - m * f.width, x, y - m);
+            side(1, 1, i + m * f.width, x, y + m);
+        }
+        sides
+    }
+
+    /// Whether the surface bends inwards or steps between the two sides of each pixel.
+    #[inline(always)]
+    fn creased(&self, [a, b]: &Sides, tight: &Lanes) -> [bool; LANES] {
+        let mut hit = [false; LANES];
+        for j in 0..LANES {
             let (n1, n2) = ([a[0][j], a[1][j], a[2][j]], [b[0][j], b[1][j], b[2][j]]);
             let (z1, z2) = (a[3][j], b[3][j]);
-            let across = [z2 * bx[j] - z1 * ax[j], z2 * by - z1 * ay, z2 - z1];
+            let across = [z2 * b[4][j] - z1 * a[4][j], z2 * b[5][j] - z1 * a[5][j], z2 - z1];
             let dot = |a: [f32; 3], b: [f32; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
             let bent = dot(n1, n2) < self.crease;
             let inwards = dot([n2[0] - n1[0], n2[1] - n1[1], n2[2] - n1[2]], across) < 0.0;

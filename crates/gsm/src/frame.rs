@@ -1,5 +1,6 @@
 //! The maps of one frame at working resolution, reused from frame to frame.
 
+use crate::components::Runs;
 use crate::noise::NoiseTable;
 use crate::predict::Prediction;
 use crate::{DepthView, Intrinsics, Params, Stage};
@@ -59,7 +60,7 @@ pub(crate) struct Frame {
     /// Pixels per region; entry 0 counts the unlabelled ones.
     pub(crate) region_size: Vec<u32>,
     pub(crate) valid: usize,
-    pub(crate) parent: Vec<u32>,
+    pub(crate) runs: Runs,
     pub(crate) queue: Vec<u32>,
 }
 

@@ -11,17 +11,24 @@ pub(crate) fn wide<R>(kernel: impl FnOnce() -> R) -> R {
     pulp::Arch::new().dispatch(kernel)
 }
 
-/// The eight values from `i` on; zeros when there are not so many.
+/// The eight values from `i` on; zeros beyond the end.
 #[inline(always)]
 pub(crate) fn load(plane: &[f32], i: usize) -> Lanes {
-    plane.get(i..i + LANES).and_then(|s| s.first_chunk()).copied().unwrap_or([0.0; LANES])
+    if let Some(whole) = plane.get(i..i + LANES).and_then(|s| s.first_chunk()) {
+        return *whole;
+    }
+    let mut part = [0.0; LANES];
+    part.iter_mut().zip(plane.iter().skip(i)).for_each(|(p, v)| *p = *v);
+    part
 }
 
-/// Stores eight values from `i` on, if there is room.
+/// Stores eight values from `i` on, as far as there is room.
 #[inline(always)]
 pub(crate) fn store(plane: &mut [f32], i: usize, values: Lanes) {
-    if let Some(to) = plane.get_mut(i..i + LANES).and_then(|s| s.first_chunk_mut()) {
-        *to = values;
+    if let Some(whole) = plane.get_mut(i..i + LANES).and_then(|s| s.first_chunk_mut()) {
+        *whole = values;
+    } else {
+        plane.iter_mut().skip(i).zip(values).for_each(|(p, v)| *p = v);
     }
 }
 

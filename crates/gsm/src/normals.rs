@@ -8,7 +8,7 @@
 //! parallel.
 
 use crate::frame::{BAND, DOWN, Frame, RIGHT};
-use crate::lanes::{LANES, load, same, store, wide, word};
+use crate::lanes::{LANES, Lanes, load, same, store, wide, word};
 use crate::noise::RADIUS_MAX;
 use rayon::prelude::*;
 
@@ -241,8 +241,11 @@ fn fit_row(
 fn fit_columns(frame: &mut Frame, spread: &[f32; SPAN]) {
     let Frame { width, height, camera, ray_x, ray_y, ray_scale, z, arms: [_, _, up, down], .. } = frame;
     let Frame { row_fit, smooth, normal: [nx, ny, nz], cos, .. } = frame;
-    let (w, h, band) = (*width, *height, BAND * *width);
+    let (w, h) = (*width, *height);
     let Some(camera) = *camera else { return };
+    // A thread's share of the bands, which reuse its sums.
+    let bands = h.div_ceil(BAND).div_ceil(rayon::current_num_threads());
+    let band = bands * BAND * w;
     let fit = Columns { w, h, focal: [camera.fx(), camera.fy()], ray_x, ray_y, row_fit, spread };
     let input = (z.par_chunks(band), ray_scale.par_chunks(band), up.par_chunks(band), down.par_chunks(band));
     let normal = (nx.par_chunks_mut(band), ny.par_chunks_mut(band), nz.par_chunks_mut(band));
@@ -252,7 +255,7 @@ fn fit_columns(frame: &mut Frame, spread: &[f32; SPAN]) {
         .for_each(|(b, ((z, scale, up, down), (nx, ny, nz), smooth, cos))| {
             wide(
                 #[inline(always)]
-                || fit.band(b * BAND, [z, scale], [up, down], [smooth, nx, ny, nz, cos]),
+                || fit.bands(b * bands * BAND, [z, scale], [up, down], [smooth, nx, ny, nz, cos]),
             );
         });
 }
@@ -268,23 +271,39 @@ struct Columns<'a> {
     spread: &'a [f32; SPAN],
 }
 
-/// Sums over the rows of a window: values, values times row, slopes, number of slopes.
-type Sums = [f32; 4];
-
 impl Columns<'_> {
     #[inline(always)]
-    fn band(&self, first: usize, input: [&[f32]; 2], arms: [&[u8]; 2], mut output: [&mut [f32]; 5]) {
+    fn bands(&self, first: usize, input: [&[f32]; 2], arms: [&[u8]; 2], mut output: [&mut [f32]; 5]) {
+        let w = self.w;
+        let mut prefix = std::array::from_fn(|_| vec![0f32; (BAND + 2 * RADIUS_MAX as usize + 1) * w]);
+        for at in (0..input[0].len()).step_by(BAND * w) {
+            let own = at..(at + BAND * w).min(input[0].len());
+            let output = output.each_mut().map(|o| &mut o[own.clone()]);
+            let (input, arms) = (input.map(|i| &i[own.clone()]), arms.map(|a| &a[own.clone()]));
+            self.band(first + at / w, input, arms, output, &mut prefix);
+        }
+    }
+
+    #[inline(always)]
+    fn band(
+        &self,
+        first: usize,
+        input: [&[f32]; 2],
+        arms: [&[u8]; 2],
+        mut output: [&mut [f32]; 5],
+        prefix: &mut [Vec<f32>; 4],
+    ) {
         let (w, reach) = (self.w, RADIUS_MAX as usize);
         let last = first + input[0].len() / w;
         let (top, bottom) = (first.saturating_sub(reach), (last + reach).min(self.h));
         let middle = 0.5 * (top + bottom) as f32;
-        let prefix = self.sum(top, bottom, middle);
+        self.sum(top, bottom, middle, prefix);
         for y in first..last {
             let own = (y - first) * w..(y - first + 1) * w;
             let row = Row {
                 y: y as f32 - middle,
                 ray_y: self.ray_y[y],
-                prefix: &prefix,
+                prefix,
                 place: y - top,
                 z: &input[0][own.clone()],
                 scale: &input[1][own.clone()],
@@ -297,9 +316,9 @@ impl Columns<'_> {
 
     /// Prefix sums over rows, a row of zeros first; rows are counted from `middle`.
     #[inline(always)]
-    fn sum(&self, top: usize, bottom: usize, middle: f32) -> [Vec<f32>; 4] {
+    fn sum(&self, top: usize, bottom: usize, middle: f32, prefix: &mut [Vec<f32>; 4]) {
         let w = self.w;
-        let mut prefix = std::array::from_fn(|_| vec![0f32; (bottom - top + 1) * w]);
+        prefix.iter_mut().for_each(|p| p[..w].fill(0.0));
         for y in top..bottom {
             let v = y as f32 - middle;
             let [value, slope, valid] = self.row_fit.each_ref().map(|f| &f[y * w..(y + 1) * w]);
@@ -312,60 +331,53 @@ impl Columns<'_> {
             }
             add(p3, valid, |s, x| s + x);
         }
-        prefix
     }
 
     #[inline(always)]
     fn row(&self, row: &Row<'_>, mut output: [&mut [f32]; 5]) {
         let w = self.w;
         for x in (0..w).step_by(LANES) {
+            let mut window = Windows::default();
             if x + LANES <= w
                 && let (Some(u), Some(d)) = (same(word(row.up, x)), same(word(row.down, x)))
             {
-                let sums = [0, 1, 2, 3].map(|c| {
+                window.sums = [0, 1, 2, 3].map(|c| {
                     let a = load(&row.prefix[c], (row.place - u) * w + x);
                     let b = load(&row.prefix[c], (row.place + d + 1) * w + x);
                     std::array::from_fn(|k| b[k] - a[k])
                 });
-                let (z, scale, ray_x) = (load(row.z, x), load(row.scale, x), load(self.ray_x, x));
-                let fits = self.fit(row, sums, [u as f32, d as f32], z, scale, ray_x);
-                for (to, fit) in output.iter_mut().zip(fits) {
-                    store(to, x, fit);
+                window.up = [u as f32; LANES];
+                window.down = [d as f32; LANES];
+                window.spread = [self.spread[u + d + 1]; LANES];
+            } else {
+                for (k, x) in (x..(x + LANES).min(w)).enumerate() {
+                    let (u, d) = (row.up[x] as usize, row.down[x] as usize);
+                    let (a, b) = ((row.place - u) * w + x, (row.place + d + 1) * w + x);
+                    for (sums, prefix) in window.sums.iter_mut().zip(row.prefix) {
+                        sums[k] = prefix[b] - prefix[a];
+                    }
+                    (window.up[k], window.down[k]) = (u as f32, d as f32);
+                    window.spread[k] = self.spread[u + d + 1];
                 }
-                continue;
             }
-            for x in x..(x + LANES).min(w) {
-                let (u, d) = (row.up[x] as usize, row.down[x] as usize);
-                let sums: Sums = [0, 1, 2, 3].map(|c| {
-                    row.prefix[c][(row.place + d + 1) * w + x] - row.prefix[c][(row.place - u) * w + x]
-                });
-                let (sums, reach) = (sums.map(|s| [s]), [u as f32, d as f32]);
-                let fits = self.fit(row, sums, reach, [row.z[x]], [row.scale[x]], [self.ray_x[x]]);
-                for (to, [fit]) in output.iter_mut().zip(fits) {
-                    to[x] = fit;
-                }
+            let (z, scale, ray_x) = (load(row.z, x), load(row.scale, x), load(self.ray_x, x));
+            let fits = self.fit(row, &window, z, scale, ray_x);
+            for (to, fit) in output.iter_mut().zip(fits) {
+                store(to, x, fit);
             }
         }
     }
 
-    /// Smoothed depth, normal and cosine of `N` pixels with windows of the same reach up and down; zeros where there
-    /// is no plane.
+    /// Smoothed depth, normal and cosine of eight pixels; zeros where there is no plane.
     #[inline(always)]
-    fn fit<const N: usize>(
-        &self,
-        row: &Row<'_>,
-        sums: [[f32; N]; 4],
-        [u, d]: [f32; 2],
-        z: [f32; N],
-        scale: [f32; N],
-        ray_x: [f32; N],
-    ) -> [[f32; N]; 5] {
-        let n = u + d + 1.0;
-        let (spread, centre, off) = (self.spread[n as usize], row.y + 0.5 * (d - u), 0.5 * (u - d));
-        let mut out = [[0.0; N]; 5];
-        for k in 0..N {
+    fn fit(&self, row: &Row<'_>, window: &Windows, z: Lanes, scale: Lanes, ray_x: Lanes) -> [Lanes; 5] {
+        let mut out = [[0.0; LANES]; 5];
+        let Windows { sums, up, down, spread } = window;
+        for k in 0..LANES {
             let [s0, s1, slopes, count] = [sums[0][k], sums[1][k], sums[2][k], sums[3][k]];
-            let slope_v = (s1 - centre * s0) * spread;
+            let n = up[k] + down[k] + 1.0;
+            let (centre, off) = (row.y + 0.5 * (down[k] - up[k]), 0.5 * (up[k] - down[k]));
+            let slope_v = (s1 - centre * s0) * spread[k];
             let inverse = s0 / n + slope_v * off;
             let slope_u = slopes / count;
             let (ax, ay) = (slope_u * self.focal[0], slope_v * self.focal[1]);
@@ -381,6 +393,16 @@ impl Columns<'_> {
         }
         out
     }
+}
+
+/// Sums over the windows of eight pixels, their reach and the inverse spread of their rows.
+#[derive(Default)]
+struct Windows {
+    /// Values, values times row, slopes, number of slopes.
+    sums: [Lanes; 4],
+    up: Lanes,
+    down: Lanes,
+    spread: Lanes,
 }
 
 /// One row of a band: its number from the band's middle, its place in the prefix sums, its pixels.
