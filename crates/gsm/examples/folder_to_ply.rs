@@ -186,6 +186,7 @@ impl Clock {
             "normals",
             "edges",
             "regions",
+            "samples",
             "associate",
             "vote",
             "fuse",

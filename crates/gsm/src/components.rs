@@ -3,19 +3,18 @@
 //! Rows are taken as bits, 64 pixels a word, and components as runs of pixels, so that the inside of a surface costs
 //! next to nothing.
 
-use crate::Params;
 use crate::frame::{BAND, DOWN, Frame, RIGHT};
 use crate::lanes::{LANES, wide};
 use rayon::prelude::*;
 
 /// Writes `label` and `region_size`: 4-connected components of non-edge pixels over unbroken links, numbered from 1
-/// in raster order of their first pixel; components of fewer than `min_region_pixels` are dropped; then labels grow
+/// in raster order of their first pixel; components of fewer than `min_pixels` are dropped; then labels grow
 /// over unbroken links into edge pixels, nearest first.
-pub(crate) fn regions(frame: &mut Frame, params: &Params) {
+pub(crate) fn regions(frame: &mut Frame, min_pixels: u32) {
     let mut runs = std::mem::take(&mut frame.runs);
     runs.read(frame);
     runs.unite();
-    runs.number(frame, params.min_region_pixels);
+    runs.number(frame, min_pixels);
     runs.seed(frame);
     grow(frame);
     frame.runs = runs;

@@ -81,15 +81,15 @@ impl Frame {
         }
     }
 
-    /// Runs the image kernels: links, normals, edges, regions.
-    pub(crate) fn segment(&mut self, params: &Params, done: &mut impl FnMut(Stage)) {
+    /// Runs the image kernels: links, normals, edges, regions; `pitch` is the side of a sample in pixels.
+    pub(crate) fn segment(&mut self, params: &Params, pitch: usize, done: &mut impl FnMut(Stage)) {
         crate::links::links(self);
         done(Stage::Links);
         crate::normals::normals(self);
         done(Stage::Normals);
         crate::edges::edges(self, params);
         done(Stage::Edges);
-        crate::components::regions(self, params);
+        crate::components::regions(self, params.min_region_pixels.saturating_mul((pitch * pitch) as u32));
         done(Stage::Regions);
     }
 
@@ -138,12 +138,6 @@ impl Frame {
         [self.normal[0][i], self.normal[1][i], self.normal[2][i]]
     }
 
-    /// The smoothed point of a pixel.
-    #[inline]
-    pub(crate) fn point(&self, x: usize, y: usize) -> [f32; 3] {
-        let z = self.smooth[y * self.width + x];
-        [z * self.ray_x[x], z * self.ray_y[y], z]
-    }
 }
 
 /// Scalar product.

@@ -43,6 +43,8 @@ mod noise;
 mod normals;
 mod params;
 mod predict;
+mod project;
+mod samples;
 mod segment;
 mod segments;
 mod shrink;

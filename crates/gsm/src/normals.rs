@@ -449,7 +449,7 @@ mod tests {
                 };
                 let mut frame = Frame::default();
                 frame.shrink(&view, &params);
-                frame.segment(&params, &mut |_| ());
+                frame.segment(&params, 1, &mut |_| ());
                 let length = dot([a, b, c], [a, b, c]).sqrt();
                 for (i, &z) in depth.iter().enumerate() {
                     let n = frame.normal(i);

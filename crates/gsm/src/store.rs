@@ -4,6 +4,7 @@ use crate::Params;
 use crate::associate::Pose;
 use crate::bricks::Bricks;
 use crate::frame::Frame;
+use crate::samples::Samples;
 use crate::segments::Segments;
 use crate::surfels::{Surfels, entries};
 
@@ -19,6 +20,7 @@ pub(crate) struct Store {
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Step<'a> {
     pub(crate) frame: &'a Frame,
+    pub(crate) samples: &'a Samples,
     pub(crate) pose: &'a Pose,
     pub(crate) params: &'a Params,
     pub(crate) now: u32,

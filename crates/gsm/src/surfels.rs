@@ -2,7 +2,7 @@
 //!
 //! A block holds surfels of one brick only, so that visiting a brick streams through memory.
 
-/// What projection and association read: 32 bytes, world frame, metres.
+/// What projection and association read of one surfel: 32 bytes, world frame, metres.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Hot {
     pub(crate) position: [f32; 3],
@@ -11,6 +11,36 @@ pub(crate) struct Hot {
     pub(crate) normal: [f32; 3],
     /// Slot of the segment plus one, 0 = none.
     pub(crate) segment: u32,
+}
+
+/// The same of a block, field by field, so that it is projected as a whole.
+#[derive(Debug, Clone, Copy, Default)]
+#[repr(align(64))]
+pub(crate) struct HotBlock {
+    pub(crate) position: [[f32; BLOCK]; 3],
+    pub(crate) normal: [[f32; BLOCK]; 3],
+    pub(crate) radius: [f32; BLOCK],
+    pub(crate) segment: [u32; BLOCK],
+}
+
+impl HotBlock {
+    #[inline]
+    fn get(&self, k: usize) -> Hot {
+        Hot {
+            position: self.position.map(|v| v[k]),
+            radius: self.radius[k],
+            normal: self.normal.map(|v| v[k]),
+            segment: self.segment[k],
+        }
+    }
+
+    #[inline]
+    fn set(&mut self, k: usize, hot: &Hot) {
+        for a in 0..3 {
+            (self.position[a][k], self.normal[a][k]) = (hot.position[a], hot.normal[a]);
+        }
+        (self.radius[k], self.segment[k]) = (hot.radius, hot.segment);
+    }
 }
 
 /// The rest: 32 bytes.
@@ -51,7 +81,8 @@ pub(crate) struct Flags {
 
 #[derive(Debug, Default)]
 pub(crate) struct Surfels {
-    pub(crate) hot: Vec<Hot>,
+    /// Of 16 surfels each.
+    pub(crate) hot: Vec<HotBlock>,
     pub(crate) cold: Vec<Cold>,
     /// Per block, in the order of `hot`.
     flags: Vec<Flags>,
@@ -86,7 +117,7 @@ impl Surfels {
         let bit = block.used.trailing_ones();
         block.used |= 1 << bit;
         let id = block.first + bit;
-        self.hot[id as usize] = hot;
+        self.set_hot(id, &hot);
         self.cold[id as usize] = cold;
         self.mark(id, |f, bit| f.unstable |= if cold.stable { 0 } else { bit });
         self.live += 1;
@@ -97,25 +128,26 @@ impl Surfels {
         if let Some(first) = self.free_blocks.pop() {
             return Some(first);
         }
-        let first = self.hot.len();
+        let first = self.cold.len();
         if first + BLOCK > limit as usize {
             return None;
         }
-        if first + BLOCK > self.hot.capacity() {
+        if self.hot.len() == self.hot.capacity() {
             // A quarter more instead of doubling keeps the slack, and with it the bytes per surfel, small.
-            let more = (first / 4).max(256 * BLOCK);
+            let more = (self.hot.len() / 4).max(256);
             self.hot.reserve_exact(more);
-            self.cold.reserve_exact(more);
+            self.flags.reserve_exact(more);
+            self.cold.reserve_exact(more * BLOCK);
         }
-        self.hot.resize(first + BLOCK, Hot::default());
+        self.hot.push(HotBlock::default());
+        self.flags.push(Flags::default());
         self.cold.resize(first + BLOCK, Cold::default());
-        self.flags.resize(self.hot.len() / BLOCK, Flags::default());
         Some(first as u32)
     }
 
     /// Frees the entry; the caller clears its bit, and hands empty blocks to [`recycle`](Self::recycle).
     pub(crate) fn remove(&mut self, id: u32) {
-        self.hot[id as usize] = Hot::default();
+        self.set_hot(id, &Hot::default());
         self.cold[id as usize] = Cold::default();
         self.mark(id, |f, bit| {
             f.unstable &= !bit;
@@ -133,6 +165,12 @@ impl Surfels {
     #[inline]
     fn mark(&mut self, id: u32, change: impl FnOnce(&mut Flags, u16)) {
         change(&mut self.flags[id as usize / BLOCK], 1 << (id as usize % BLOCK));
+    }
+
+    /// In use and not [stable](Cold::stable).
+    #[inline]
+    pub(crate) fn is_unstable(&self, id: u32) -> bool {
+        self.flags[id as usize / BLOCK].unstable >> (id as usize % BLOCK) & 1 == 1
     }
 
     #[inline]
@@ -161,13 +199,54 @@ impl Surfels {
         });
     }
 
-    pub(crate) fn is_live(&self, id: usize) -> bool {
-        self.hot[id].radius > 0.0
+    pub(crate) fn is_live(&self, id: u32) -> bool {
+        self.radius(id) > 0.0
+    }
+
+    #[inline]
+    pub(crate) fn hot(&self, id: u32) -> Hot {
+        self.hot[id as usize / BLOCK].get(id as usize % BLOCK)
+    }
+
+    #[inline]
+    pub(crate) fn set_hot(&mut self, id: u32, hot: &Hot) {
+        self.hot[id as usize / BLOCK].set(id as usize % BLOCK, hot);
+    }
+
+    #[inline]
+    pub(crate) fn position(&self, id: u32) -> [f32; 3] {
+        self.hot[id as usize / BLOCK].position.each_ref().map(|v| v[id as usize % BLOCK])
+    }
+
+    #[inline]
+    pub(crate) fn radius(&self, id: u32) -> f32 {
+        self.hot[id as usize / BLOCK].radius[id as usize % BLOCK]
+    }
+
+    #[inline]
+    pub(crate) fn segment(&self, id: u32) -> u32 {
+        self.hot[id as usize / BLOCK].segment[id as usize % BLOCK]
+    }
+
+    #[inline]
+    pub(crate) fn segment_mut(&mut self, id: u32) -> &mut u32 {
+        &mut self.hot[id as usize / BLOCK].segment[id as usize % BLOCK]
+    }
+
+    /// Marks a surfel for removal at the next visit of its brick.
+    pub(crate) fn doom(&mut self, id: u32) {
+        self.cold[id as usize].confidence = -1.0;
+        self.hot[id as usize / BLOCK].radius[id as usize % BLOCK] *= -1.0;
+    }
+
+    /// Entries, in use or not.
+    pub(crate) fn entries(&self) -> u32 {
+        self.cold.len() as u32
     }
 
     /// Bytes held, slack included.
     pub(crate) fn bytes(&self) -> usize {
-        self.hot.capacity() * size_of::<Hot>()
+        self.hot.capacity() * size_of::<HotBlock>()
             + self.cold.capacity() * size_of::<Cold>()
             + self.flags.capacity() * size_of::<Flags>()
             + self.free_blocks.capacity() * 4

@@ -1,9 +1,10 @@
 //! Which segment each region of the frame is: votes of the surfels that its pixels see again.
 
 use crate::Params;
-use crate::associate::Association;
+use crate::associate::{Association, Hit};
 use crate::event::SegmentEvent;
-use crate::frame::{DOWN, Frame, RIGHT};
+use crate::frame::{DOWN, RIGHT};
+use crate::samples::Samples;
 use crate::segments::Segments;
 use crate::store::{Step, Store};
 
@@ -55,27 +56,27 @@ impl Votes {
         store: &mut Store,
         events: &mut Vec<SegmentEvent>,
     ) {
-        let Step { frame, params, now, .. } = step;
+        let Step { samples, params, now, .. } = step;
         let segments = &mut store.segments;
         self.see(association, segments, now);
         let columns = self.seen.len();
-        let regions = frame.region_size.len();
+        let regions = samples.region_size.len();
         self.table.clear();
         self.table.resize(regions * columns, 0);
         self.cores.clear();
         self.cores.resize(regions, 0);
-        for (i, &s) in association.segment.iter().enumerate() {
-            if frame.edge[i] != 0 {
+        for (sample, hit) in samples.list.iter().zip(&association.hits) {
+            if sample.is_edge() {
                 continue;
             }
-            let region = frame.label[i] as usize;
+            let (region, s) = (sample.region(), hit.segment);
             self.cores[region] += 1;
             if s != 0 && region != 0 {
                 self.table[region * columns + self.column[s as usize - 1] as usize] += 1;
             }
         }
         self.resolve(segments, params, now, events);
-        self.touch(frame, &association.segment);
+        self.touch(samples, &association.hits);
     }
 
     fn see(&mut self, association: &Association, segments: &Segments, now: u32) {
@@ -83,7 +84,7 @@ impl Votes {
         self.pixels.clear();
         self.column.resize(segments.slots.len(), 0);
         self.stamp.resize(segments.slots.len(), 0);
-        for &s in &association.segment {
+        for s in association.hits.iter().map(|h| h.segment) {
             if s == 0 {
                 continue;
             }
@@ -148,21 +149,20 @@ impl Votes {
         }
     }
 
-    fn touch(&mut self, frame: &Frame, segment: &[u32]) {
+    fn touch(&mut self, samples: &Samples, hits: &[Hit]) {
         self.contacts.clear();
         self.seams.clear();
-        let (w, n) = (frame.width, segment.len());
+        let (w, n) = (samples.width, hits.len());
         for first in (0..n).step_by(w) {
             for i in first..first + w {
-                let a = segment[i];
-                if a == 0 {
+                if hits[i].segment == 0 {
                     continue;
                 }
                 if i + 1 < first + w {
-                    self.meet(frame, RIGHT, [i, i + 1], [a, segment[i + 1]]);
+                    self.meet(samples, hits, RIGHT, [i, i + 1]);
                 }
                 if i + w < n {
-                    self.meet(frame, DOWN, [i, i + w], [a, segment[i + w]]);
+                    self.meet(samples, hits, DOWN, [i, i + w]);
                 }
             }
         }
@@ -170,18 +170,19 @@ impl Votes {
         self.seams.sort_unstable();
     }
 
-    /// Notes what the segments `a`, `b` of two neighbouring pixels say.
+    /// Notes what the segments of two neighbouring samples say.
     #[inline]
-    fn meet(&mut self, frame: &Frame, bit: u8, [i, j]: [usize; 2], [a, b]: [u32; 2]) {
-        let (la, lb) = (frame.label[i], frame.label[j]);
+    fn meet(&mut self, samples: &Samples, hits: &[Hit], bit: u8, [i, j]: [usize; 2]) {
+        let (a, b) = (hits[i].segment, hits[j].segment);
+        let (la, lb) = (samples.list[i].region(), samples.list[j].region());
         if a == b && la == lb || b == 0 || la == 0 || lb == 0 {
             return;
         }
         if a != b {
-            let joined = la == lb && frame.links[i] & bit != 0;
+            let joined = la == lb && samples.links[i] & bit != 0;
             self.contacts.push(Contact { pair: (a.min(b) - 1, a.max(b) - 1), joined });
-        } else if self.segment_of[la as usize] == a && self.segment_of[lb as usize] == a {
-            self.seams.push((la.min(lb), la.max(lb)));
+        } else if self.segment_of[la] == a && self.segment_of[lb] == a {
+            self.seams.push((la.min(lb) as u32, la.max(lb) as u32));
         }
     }
 
