@@ -41,28 +41,31 @@ impl Pose {
     }
 
     /// Turns a camera direction into the world.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn turn(&self, v: [f32; 3]) -> [f32; 3] {
         let m = &self.world_from_camera;
         [dot(m[0], v), dot(m[1], v), dot(m[2], v)]
     }
 
     /// Turns a world direction into the camera.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn unturn(&self, v: [f32; 3]) -> [f32; 3] {
         let m = &self.world_from_camera;
-        let c = |k: usize| m[0][k] * v[0] + m[1][k] * v[1] + m[2][k] * v[2];
-        [c(0), c(1), c(2)]
+        [
+            m[0][0] * v[0] + m[1][0] * v[1] + m[2][0] * v[2],
+            m[0][1] * v[0] + m[1][1] * v[1] + m[2][1] * v[2],
+            m[0][2] * v[0] + m[1][2] * v[1] + m[2][2] * v[2],
+        ]
     }
 
     /// A world point in the camera frame.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn view(&self, p: [f32; 3]) -> [f32; 3] {
         self.unturn(sub(p, self.centre))
     }
 
     /// A camera point in the world.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn place(&self, p: [f32; 3]) -> [f32; 3] {
         let q = self.turn(p);
         [q[0] + self.centre[0], q[1] + self.centre[1], q[2] + self.centre[2]]

@@ -1,7 +1,7 @@
 //! Edges: concave creases and steps between the smoothed surfaces on the two sides of a pixel.
 
 use crate::Params;
-use crate::frame::{BAND, Frame};
+use crate::frame::{BAND, Frame, dot};
 use crate::lanes::{LANES, Lanes, load, same, wide};
 use rayon::prelude::*;
 
@@ -50,15 +50,22 @@ impl Test<'_> {
                 edge.fill(1);
                 continue;
             }
-            let (own, tight) = (load(&self.frame.smooth, row + x), load(&self.frame.tight, row + x));
-            let sides = match (same(k), same(m)) {
-                (Some(k), Some(m)) if edge.len() == LANES => self.sides_alike([x, y], [k, m]),
-                _ => self.sides([x, y], along, across),
-            };
-            let hit = sides.map(|s| self.creased(&s, &tight));
+            let (place, i) = ([x, y], row + x);
+            let mut hit;
+            match (same(k), same(m)) {
+                (Some(k), Some(m)) if edge.len() == LANES => {
+                    hit = self.creased(&self.beside(place, k), i);
+                    or(&mut hit, self.creased(&self.above(place, m), i));
+                }
+                _ => {
+                    let sides = self.gather(place, along, across);
+                    hit = self.creased(&sides[0], i);
+                    or(&mut hit, self.creased(&sides[1], i));
+                }
+            }
+            let own = load(&self.frame.smooth, row + x);
             for (j, e) in edge.iter_mut().enumerate() {
-                let broken = (along[j] == 0) | (across[j] == 0) | (own[j] == 0.0);
-                *e = u8::from(broken | hit[0][j] | hit[1][j]);
+                *e = u8::from((along[j] == 0) | (across[j] == 0) | (own[j] == 0.0)) | hit[j] as u8;
             }
         }
     }
@@ -68,7 +75,8 @@ impl Test<'_> {
     #[inline(always)]
     fn reach(&self, i: usize, along: &mut [u8], across: &mut [u8]) {
         let n = i..i + along.len();
-        let [l, r, u, d] = self.frame.arms.each_ref().map(|a| &a[n.clone()]);
+        let [l, r, u, d] = &self.frame.arms;
+        let (l, r, u, d) = (&l[n.clone()], &r[n.clone()], &u[n.clone()], &d[n.clone()]);
         let reach = &self.frame.reach[n];
         for (j, (along, across)) in along.iter_mut().zip(across).enumerate() {
             let (a, b) = (l[j].min(r[j]), u[j].min(d[j]));
@@ -77,61 +85,80 @@ impl Test<'_> {
         }
     }
 
-    /// Both sides along the row and along the column of eight pixels, at the same distances.
+    /// What lies `k` columns to both sides of eight pixels.
     #[inline(always)]
-    fn sides_alike(&self, [x, y]: [usize; 2], [k, m]: [usize; 2]) -> [Sides; 2] {
+    fn beside(&self, [x, y]: [usize; 2], k: usize) -> Sides {
         let f = self.frame;
+        let ray_y = [f.ray_y[y]; LANES];
+        let (a, b) = (load(&f.ray_x, x - k), load(&f.ray_x, x + k));
         let i = y * f.width + x;
-        let side = |i: usize, ray_x: Lanes, ray_y: f32| {
-            let [nx, ny, nz] = f.normal.each_ref().map(|n| load(n, i));
-            [nx, ny, nz, load(&f.smooth, i), ray_x, [ray_y; LANES]]
-        };
-        let (a, b, own) = (load(&f.ray_x, x - k), load(&f.ray_x, x + k), load(&f.ray_x, x));
-        let row = [side(i - k, a, f.ray_y[y]), side(i + k, b, f.ray_y[y])];
-        let (up, down) = (i - m * f.width, i + m * f.width);
-        [row, [side(up, own, f.ray_y[y - m]), side(down, own, f.ray_y[y + m])]]
+        [self.side(i - k, a, ray_y), self.side(i + k, b, ray_y)]
     }
 
-    /// The same at any distances.
+    /// What lies `m` rows above and below eight pixels.
     #[inline(always)]
-    fn sides(&self, [x, y]: [usize; 2], along: [u8; LANES], across: [u8; LANES]) -> [Sides; 2] {
+    fn above(&self, [x, y]: [usize; 2], m: usize) -> Sides {
+        let f = self.frame;
+        let ray_x = load(&f.ray_x, x);
+        let (i, step) = (y * f.width + x, m * f.width);
+        let (a, b) = ([f.ray_y[y - m]; LANES], [f.ray_y[y + m]; LANES]);
+        [self.side(i - step, ray_x, a), self.side(i + step, ray_x, b)]
+    }
+
+    #[inline(always)]
+    fn side(&self, i: usize, ray_x: Lanes, ray_y: Lanes) -> [Lanes; 6] {
+        let [nx, ny, nz] = &self.frame.normal;
+        [load(nx, i), load(ny, i), load(nz, i), load(&self.frame.smooth, i), ray_x, ray_y]
+    }
+
+    /// Both for eight pixels of different distances.
+    #[inline(always)]
+    fn gather(&self, [x, y]: [usize; 2], along: [u8; LANES], across: [u8; LANES]) -> [Sides; 2] {
         let f = self.frame;
         let mut sides = [[[[0.0; LANES]; 6]; 2]; 2];
         let lanes = LANES.min(f.width - x);
         for j in 0..lanes {
             let (k, m, x) = (along[j] as usize, across[j] as usize, x + j);
             let i = y * f.width + x;
-            let mut side = |d: usize, s: usize, i: usize, x: usize, y: usize| {
-                let [nx, ny, nz] = f.normal(i);
-                for (to, v) in sides[d][s].iter_mut().zip([nx, ny, nz, f.smooth[i], f.ray_x[x], f.ray_y[y]]) {
-                    to[j] = v;
-                }
-            };
-            side(0, 0, i - k, x - k, y);
-            side(0, 1, i + k, x + k, y);
-            side(1, 0, i - m * f.width, x, y - m);
-            side(1, 1, i + m * f.width, x, y + m);
+            self.put(&mut sides[0][0], j, i - k, x - k, y);
+            self.put(&mut sides[0][1], j, i + k, x + k, y);
+            self.put(&mut sides[1][0], j, i - m * f.width, x, y - m);
+            self.put(&mut sides[1][1], j, i + m * f.width, x, y + m);
         }
         sides
     }
 
-    /// Whether the surface bends inwards or steps between the two sides of each pixel.
     #[inline(always)]
-    fn creased(&self, [a, b]: &Sides, tight: &Lanes) -> [bool; LANES] {
-        let mut hit = [false; LANES];
+    fn put(&self, side: &mut [Lanes; 6], j: usize, i: usize, x: usize, y: usize) {
+        let [nx, ny, nz] = self.frame.normal(i);
+        (side[0][j], side[1][j], side[2][j]) = (nx, ny, nz);
+        (side[3][j], side[4][j], side[5][j]) = (self.frame.smooth[i], self.frame.ray_x[x], self.frame.ray_y[y]);
+    }
+
+    /// Whether the surface bends inwards or steps (1) between the two sides of each of the pixels from `i` on.
+    #[inline(always)]
+    fn creased(&self, [a, b]: &Sides, i: usize) -> [u32; LANES] {
+        let tight = load(&self.frame.tight, i);
+        let mut hit = [0; LANES];
         for j in 0..LANES {
             let (n1, n2) = ([a[0][j], a[1][j], a[2][j]], [b[0][j], b[1][j], b[2][j]]);
             let (z1, z2) = (a[3][j], b[3][j]);
             let across = [z2 * b[4][j] - z1 * a[4][j], z2 * b[5][j] - z1 * a[5][j], z2 - z1];
-            let dot = |a: [f32; 3], b: [f32; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
             let bent = dot(n1, n2) < self.crease;
             let inwards = dot([n2[0] - n1[0], n2[1] - n1[1], n2[2] - n1[2]], across) < 0.0;
             let mean = [n1[0] + n2[0], n1[1] + n2[1], n1[2] + n2[2]];
             // height > step + |across| / 20, without the root.
             let excess = 0.5 * dot(mean, across).abs() - self.steps * tight[j];
             let stepped = (excess > 0.0) & (400.0 * excess * excess > dot(across, across));
-            hit[j] = (z1 != 0.0) & (z2 != 0.0) & ((bent & inwards) | (!bent & stepped));
+            hit[j] = u32::from((z1 != 0.0) & (z2 != 0.0) & ((bent & inwards) | (!bent & stepped)));
         }
         hit
+    }
+}
+
+#[inline(always)]
+fn or(a: &mut [u32; LANES], b: [u32; LANES]) {
+    for j in 0..LANES {
+        a[j] |= b[j];
     }
 }

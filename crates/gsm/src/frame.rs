@@ -133,7 +133,7 @@ impl Frame {
     }
 
     /// Unit normal of a pixel, zero = none.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn normal(&self, i: usize) -> [f32; 3] {
         [self.normal[0][i], self.normal[1][i], self.normal[2][i]]
     }
@@ -141,13 +141,13 @@ impl Frame {
 }
 
 /// Scalar product.
-#[inline]
+#[inline(always)]
 pub(crate) fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
 /// Difference `a − b`.
-#[inline]
+#[inline(always)]
 pub(crate) fn sub(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
     [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
 }

@@ -334,18 +334,20 @@ impl Columns<'_> {
     }
 
     #[inline(always)]
-    fn row(&self, row: &Row<'_>, mut output: [&mut [f32]; 5]) {
+    fn row(&self, row: &Row<'_>, output: [&mut [f32]; 5]) {
         let w = self.w;
         for x in (0..w).step_by(LANES) {
             let mut window = Windows::default();
             if x + LANES <= w
                 && let (Some(u), Some(d)) = (same(word(row.up, x)), same(word(row.down, x)))
             {
-                window.sums = [0, 1, 2, 3].map(|c| {
+                for c in 0..4 {
                     let a = load(&row.prefix[c], (row.place - u) * w + x);
                     let b = load(&row.prefix[c], (row.place + d + 1) * w + x);
-                    std::array::from_fn(|k| b[k] - a[k])
-                });
+                    for k in 0..LANES {
+                        window.sums[c][k] = b[k] - a[k];
+                    }
+                }
                 window.up = [u as f32; LANES];
                 window.down = [d as f32; LANES];
                 window.spread = [self.spread[u + d + 1]; LANES];
@@ -353,8 +355,8 @@ impl Columns<'_> {
                 for (k, x) in (x..(x + LANES).min(w)).enumerate() {
                     let (u, d) = (row.up[x] as usize, row.down[x] as usize);
                     let (a, b) = ((row.place - u) * w + x, (row.place + d + 1) * w + x);
-                    for (sums, prefix) in window.sums.iter_mut().zip(row.prefix) {
-                        sums[k] = prefix[b] - prefix[a];
+                    for c in 0..4 {
+                        window.sums[c][k] = row.prefix[c][b] - row.prefix[c][a];
                     }
                     (window.up[k], window.down[k]) = (u as f32, d as f32);
                     window.spread[k] = self.spread[u + d + 1];
@@ -362,8 +364,8 @@ impl Columns<'_> {
             }
             let (z, scale, ray_x) = (load(row.z, x), load(row.scale, x), load(self.ray_x, x));
             let fits = self.fit(row, &window, z, scale, ray_x);
-            for (to, fit) in output.iter_mut().zip(fits) {
-                store(to, x, fit);
+            for c in 0..5 {
+                store(output[c], x, fits[c]);
             }
         }
     }
@@ -387,8 +389,8 @@ impl Columns<'_> {
             let unit = 1.0 / length;
             // The ray (x', y', 1) meets the plane A x' + B y' + C = 1/z: normal · ray = (1/z) / length.
             let fit = [1.0 / inverse, -ax * unit, -ay * unit, -az * unit, inverse * unit * scale[k]];
-            for (out, fit) in out.iter_mut().zip(fit) {
-                out[k] = if good { fit } else { 0.0 };
+            for c in 0..5 {
+                out[c][k] = if good { fit[c] } else { 0.0 };
             }
         }
         out

@@ -70,7 +70,7 @@ impl<'a> Lens<'a> {
             let within = (p[2] >= near) & (u >= 0.0) & (v >= 0.0) & (u < width) & (v < height);
             inside[k] = u32::from(within & (hot.radius[k] > 0.0)) << k;
             doomed[k] = u32::from(hot.radius[k] < 0.0) << k;
-            (seen.x[k], seen.y[k]) = (u as i32 as u32, v as i32 as u32);
+            (seen.x[k], seen.y[k]) = (whole(u), whole(v));
             for a in 0..3 {
                 (seen.point[a][k], seen.normal[a][k]) = (p[a], n[a]);
             }
@@ -79,6 +79,12 @@ impl<'a> Lens<'a> {
         seen.doomed = doomed.iter().fold(0, |m, b| m | b);
         seen
     }
+}
+
+/// The whole part of a number from 0 to 2^23, without the checks of a cast: in the last bits of its sum with 2^23.
+#[inline(always)]
+fn whole(v: f32) -> u32 {
+    (v.trunc() + 8_388_608.0).to_bits() & 0x007f_ffff
 }
 
 impl Seen {
