@@ -44,3 +44,9 @@ pub(crate) fn same(word: u64) -> Option<usize> {
     let byte = word & 0xff;
     (word == byte.wrapping_mul(0x0101_0101_0101_0101)).then_some(byte as usize)
 }
+
+/// The whole part of a number from 0 to 2^23, without the checks of a cast: in the last bits of its sum with 2^23.
+#[inline(always)]
+pub(crate) fn whole(v: f32) -> u32 {
+    (v.trunc() + 8_388_608.0).to_bits() & 0x007f_ffff
+}

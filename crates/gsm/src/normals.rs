@@ -24,16 +24,18 @@ fn inverse_spread() -> [f32; SPAN] {
     table
 }
 
-/// Writes `radius`, `reach`, `tight`, `arms`, `row_fit`, `smooth`, `normal` and `cos`.
+/// Writes `arms`, `row_fit`, `smooth`, `normal` and `cos`, and the windows where there is prediction.
 pub(crate) fn normals(frame: &mut Frame) {
     let spread = inverse_spread();
-    windows(frame);
+    if frame.noise.independent {
+        windows(frame);
+    }
     arms(frame);
     fit_rows(frame, &spread);
     fit_columns(frame, &spread);
 }
 
-/// Looks up the window of every pixel.
+/// Looks up the windows after prediction.
 fn windows(frame: &mut Frame) {
     let Frame { width, noise, z, gain, radius, reach, tight, .. } = frame;
     let band = BAND * *width;

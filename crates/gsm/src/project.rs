@@ -1,7 +1,7 @@
 //! Where the surfels of a block fall in the image.
 
 use crate::associate::Pose;
-use crate::lanes::wide;
+use crate::lanes::{whole, wide};
 use crate::surfels::{BLOCK, HotBlock};
 use crate::{Intrinsics, Params};
 
@@ -79,12 +79,6 @@ impl<'a> Lens<'a> {
         seen.doomed = doomed.iter().fold(0, |m, b| m | b);
         seen
     }
-}
-
-/// The whole part of a number from 0 to 2^23, without the checks of a cast: in the last bits of its sum with 2^23.
-#[inline(always)]
-fn whole(v: f32) -> u32 {
-    (v.trunc() + 8_388_608.0).to_bits() & 0x007f_ffff
 }
 
 impl Seen {

@@ -150,7 +150,7 @@ impl Gate<'_> {
     }
 
     /// The sample and the links of a block: what the first of its middle pixels knows that has a region, moved to the
-    /// block's ray, its depth averaged over the pixels of the same region.
+    /// block's ray; where errors are independent, its depth is averaged over the pixels of the same region.
     fn block(&self, [x, y]: [usize; 2], pitch: usize, ray: [f32; 3]) -> (Sample, u8) {
         let f = self.frame;
         let (low, high) = ((pitch - 1) / 2, pitch / 2);
@@ -166,6 +166,13 @@ impl Gate<'_> {
         let mut s = self.sample(i);
         if s.smooth > 0.0 {
             let own = [f.ray_x[x + best[0]], f.ray_y[y + best[1]], 1.0];
+            let slant = dot(s.normal, own) / dot(s.normal, ray);
+            let slant = if slant > 0.5 && slant < 2.0 { slant } else { 1.0 };
+            s.smooth *= slant;
+            if !f.noise.independent {
+                s.z *= slant;
+                return (s, self.links(pixel([high, high]), pitch));
+            }
             let (mut sum, mut n) = (0.0, 0.0);
             for row in y..y + pitch {
                 for j in row * f.width + x..row * f.width + x + pitch {
@@ -174,15 +181,16 @@ impl Gate<'_> {
                     n += if same { 1.0 } else { 0.0 };
                 }
             }
-            let slant = dot(s.normal, own) / dot(s.normal, ray);
-            if slant > 0.0 && slant < 2.0 {
-                s.smooth *= slant;
-            }
             s.z = s.smooth + sum / n;
         }
-        let middle = pixel([high, high]);
+        (s, self.links(pixel([high, high]), pitch))
+    }
+
+    /// Whether all links from the middle of a block to that of its neighbours are unbroken.
+    fn links(&self, middle: usize, pitch: usize) -> u8 {
+        let f = self.frame;
         let right = (middle..middle + pitch).all(|i| f.links.get(i).is_some_and(|l| l & RIGHT != 0));
         let down = (0..pitch).all(|k| f.links.get(middle + k * f.width).is_some_and(|l| l & DOWN != 0));
-        (s, if right { RIGHT } else { 0 } | if down { DOWN } else { 0 })
+        u8::from(right) * RIGHT | u8::from(down) * DOWN
     }
 }

@@ -26,10 +26,11 @@ pub(crate) struct HotBlock {
 impl HotBlock {
     #[inline]
     fn get(&self, k: usize) -> Hot {
+        let ([px, py, pz], [nx, ny, nz]) = (&self.position, &self.normal);
         Hot {
-            position: self.position.map(|v| v[k]),
+            position: [px[k], py[k], pz[k]],
             radius: self.radius[k],
-            normal: self.normal.map(|v| v[k]),
+            normal: [nx[k], ny[k], nz[k]],
             segment: self.segment[k],
         }
     }
