@@ -1,25 +1,19 @@
-//! Which surfels the frame sees again, which it looks through, and which pixels have a surfel.
+//! Which surfels the frame sees again, which it looks through, and which samples have a surfel.
 
 use crate::event::Counts;
 use crate::frame::{dot, sub};
-use crate::project::{Lens, Seen, bits};
-use crate::samples::Samples;
+use crate::project::{Lens, bits};
+use crate::sight::Gate;
 use crate::store::{Step, Store};
-use crate::surfels::{BLOCK, Block, Cold, Surfels};
+use crate::surfels::{BLOCK, Cold, HotBlock, Surfels};
 use nalgebra::{Isometry3, Matrix3};
 use rayon::prelude::*;
-
-/// Where errors are independent, surfels average them: fused is mostly the measured depth, since smoothing would
-/// blur steps for good.
-const RAW: f32 = 0.75;
 
 /// A surfel seen again.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Match {
     pub(crate) surfel: u32,
     pub(crate) sample: u32,
-    /// Distance of the surfel in front of the sample's tangent plane at the depth to be fused, metres.
-    pub(crate) ahead: f32,
     /// Square of its distance from the sample's point.
     distance: f32,
 }
@@ -100,20 +94,35 @@ pub(crate) struct Association {
     pub(crate) matches: Vec<Match>,
     /// Per sample.
     pub(crate) hits: Vec<Hit>,
+    /// Blocks of the visible bricks, a bit each, and their numbers in order.
+    marked: Vec<u64>,
+    blocks: Vec<u32>,
     shares: Vec<Share>,
+    weeds: Vec<u32>,
 }
 
-/// What some of the visible bricks gave.
+/// What some of the visible blocks gave.
 #[derive(Debug, Default)]
 struct Share {
     matches: Vec<Match>,
-    /// Surfels that the frame speaks against, how strongly, and the brick.
-    doubts: Vec<(u32, Doubt)>,
     /// Samples near whose point a surfel strays.
     strays: Vec<u32>,
+    /// Surfels that have become stable, and stable ones that may have moved.
+    ripe: Vec<u32>,
+    moved: Vec<u32>,
     /// Bricks that hold surfels to be removed.
     weeds: Vec<u32>,
-    visited: u32,
+    contradicted: u32,
+}
+
+/// A share's part of the storage.
+struct Part<'a> {
+    share: &'a mut Share,
+    blocks: &'a [u32],
+    /// Number of the first block in `hot` and `cold`.
+    first: u32,
+    hot: &'a mut [HotBlock],
+    cold: &'a mut [Cold],
 }
 
 /// Why a surfel in view is not seen.
@@ -125,51 +134,58 @@ enum Doubt {
     Stray,
 }
 
-/// What the sample under a surfel says of it.
-enum Sight {
-    Seen { ahead: f32, distance: f32 },
-    Doubt(Doubt),
-    Nothing,
-}
-
 impl Association {
     /// Projects every surfel of the visible bricks. The measured depth itself decides visibility: a surfel within
-    /// the gate of its sample's tangent plane is seen, one clearly before it is contradicted, one behind is hidden.
+    /// the gate of its sample's tangent plane is seen and averaged with it, one clearly before it is contradicted,
+    /// one behind is hidden.
     pub(crate) fn run(&mut self, step: Step<'_>, visible: &[u32], store: &mut Store, counts: &mut Counts) {
         self.matches.clear();
         self.hits.clear();
         self.hits.resize(step.samples.list.len(), Hit::NONE);
         let Some(camera) = step.samples.camera else { return };
-        let gate = Gate {
-            lens: Lens::new(&camera, step.pose, step.params),
-            step,
-            raw: if step.frame.noise.independent { RAW } else { 0.0 },
-        };
-        // Each thread looks at its share of the bricks; what they say is taken in the order of the bricks.
-        let share = visible.len().div_ceil(rayon::current_num_threads()).max(1);
-        self.shares.resize_with(visible.len().div_ceil(share), Share::default);
-        (visible.par_chunks(share), &mut self.shares[..])
-            .into_par_iter()
-            .for_each(|(bricks, share)| share.run(&gate, bricks, store));
+        counts.visited += self.list(visible, store);
+        let gate = Gate::new(Lens::new(&camera, step.pose, step.params), step);
+        let parts = split(&self.blocks, &mut self.shares, &mut store.surfels);
+        parts.into_par_iter().for_each(|part| part.run(&gate));
         let mut shares = std::mem::take(&mut self.shares);
         for share in &mut shares {
-            self.take(share, step, store, counts);
-        }
-        for b in shares.iter_mut().flat_map(|s| s.weeds.drain(..)) {
-            let gone = |s: &Surfels, id: u32| {
-                let cold = &s.cold[id as usize];
-                cold.confidence < 0.0 || timed_out(cold, step)
-            };
-            counts.expired += store.weed(b as usize, gone);
+            self.take(share, store, counts);
         }
         self.shares = shares;
+        self.weeds.sort_unstable();
+        self.weeds.dedup();
+        for b in self.weeds.drain(..) {
+            let gone = |s: &Surfels, id: u32| s.confidence(id) < 0.0 || s.timed_out(id, step);
+            counts.expired += store.weed(b as usize, gone);
+        }
         counts.expired -= counts.contradicted;
         counts.matched = self.matches.len() as u32;
     }
 
-    /// Takes in what a share of the bricks gave.
-    fn take(&mut self, share: &mut Share, step: Step<'_>, store: &mut Store, counts: &mut Counts) {
-        counts.visited += share.visited;
+    /// Lists the blocks of the visible bricks in the order in which they are stored; returns the number of surfels.
+    fn list(&mut self, visible: &[u32], store: &Store) -> u32 {
+        let mut visited = 0;
+        self.marked.clear();
+        self.marked.resize(store.surfels.hot.len().div_ceil(64), 0);
+        for block in visible.iter().flat_map(|&b| &store.bricks.list[b as usize].blocks) {
+            let number = block.first as usize / BLOCK;
+            self.marked[number / 64] |= 1 << (number % 64);
+            visited += block.used.count_ones();
+        }
+        self.blocks.clear();
+        for (k, &word) in self.marked.iter().enumerate() {
+            let mut word = word;
+            while word != 0 {
+                self.blocks.push(64 * k as u32 + word.trailing_zeros());
+                word &= word - 1;
+            }
+        }
+        visited
+    }
+
+    /// Takes in what a share of the blocks gave.
+    fn take(&mut self, share: &mut Share, store: &mut Store, counts: &mut Counts) {
+        let Store { surfels, segments, .. } = store;
         for &i in &share.strays {
             let hit = &mut self.hits[i as usize];
             hit.distance = hit.distance.min(f32::MAX);
@@ -177,146 +193,102 @@ impl Association {
         for m in &share.matches {
             let hit = &mut self.hits[m.sample as usize];
             if m.distance < hit.distance {
-                let segment = store.surfels.segment(m.surfel);
-                *hit = Hit { distance: m.distance, surfel: m.surfel + 1, segment };
-            }
-            if store.surfels.is_unstable(m.surfel) {
-                store.surfels.cold[m.surfel as usize].seen = step.now;
+                *hit = Hit { distance: m.distance, surfel: m.surfel + 1, segment: surfels.segment(m.surfel) };
             }
         }
+        share.ripe.drain(..).for_each(|id| segments.ripen(surfels, id));
+        share.moved.drain(..).for_each(|id| segments.follow(surfels, id));
         self.matches.append(&mut share.matches);
-        counts.contradicted += share.doubt(store);
+        self.weeds.append(&mut share.weeds);
+        share.strays.clear();
+        counts.contradicted += std::mem::take(&mut share.contradicted);
+    }
+}
+
+/// Deals the blocks out to the threads, each with the stretch of the storage that holds its blocks.
+fn split<'a>(blocks: &'a [u32], shares: &'a mut Vec<Share>, surfels: &'a mut Surfels) -> Vec<Part<'a>> {
+    let size = blocks.len().div_ceil(rayon::current_num_threads()).max(1);
+    shares.resize_with(blocks.len().div_ceil(size), Share::default);
+    let (mut hot, mut cold, mut done) = (&mut surfels.hot[..], &mut surfels.cold[..], 0);
+    let mut parts = Vec::with_capacity(shares.len());
+    for (blocks, share) in blocks.chunks(size).zip(shares) {
+        let end = blocks.last().map_or(done, |b| b + 1);
+        let take = (end - done) as usize;
+        let (own_hot, rest_hot) = std::mem::take(&mut hot).split_at_mut(take);
+        let (own_cold, rest_cold) = std::mem::take(&mut cold).split_at_mut(take * BLOCK);
+        parts.push(Part { share, blocks, first: done, hot: own_hot, cold: own_cold });
+        (hot, cold, done) = (rest_hot, rest_cold, end);
+    }
+    parts
+}
+
+impl Part<'_> {
+    fn run(self, gate: &Gate<'_>) {
+        let Self { share, blocks, first, hot, cold } = self;
+        for &number in blocks {
+            let at = (number - first) as usize;
+            let Some(cold) = cold[at * BLOCK..].first_chunk_mut() else { continue };
+            if share.block(gate, number * BLOCK as u32, &mut hot[at], cold) {
+                share.weeds.push(hot[at].brick);
+            }
+        }
     }
 }
 
 impl Share {
-    fn run(&mut self, gate: &Gate<'_>, bricks: &[u32], store: &Store) {
-        self.matches.clear();
-        self.strays.clear();
-        self.visited = 0;
-        for &b in bricks {
-            let mut weeds = false;
-            for block in &store.bricks.list[b as usize].blocks {
-                weeds |= self.block(gate, block, &store.surfels);
-            }
-            if weeds {
-                self.weeds.push(b);
-            }
-        }
-    }
-
-    /// Looks at the surfels of a block; true when one is to be removed.
-    fn block(&mut self, gate: &Gate<'_>, block: &Block, surfels: &Surfels) -> bool {
-        self.visited += block.used.count_ones();
-        let seen = gate.lens.project(&surfels.hot[block.first as usize / BLOCK]);
-        let mut unseen = u32::from(surfels.flags(block.first).unstable);
+    /// Looks at the surfels of a block, numbered from `first`; true when one is to be removed.
+    fn block(&mut self, gate: &Gate<'_>, first: u32, hot: &mut HotBlock, cold: &mut [Cold; BLOCK]) -> bool {
+        let step = gate.step;
+        let seen = gate.lens.project(hot);
         let mut weeds = seen.doomed != 0;
-        unseen &= !seen.doomed;
-        for k in bits(seen.inside) {
-            let id = block.first + k as u32;
-            let sample = seen.y[k] * gate.step.samples.width as u32 + seen.x[k];
-            match gate.look(&seen, k) {
-                Sight::Seen { ahead, distance } => {
-                    self.matches.push(Match { surfel: id, sample, ahead, distance });
-                    unseen &= !(1 << k);
+        let mut unseen = u32::from(hot.unstable) & !seen.doomed;
+        if seen.inside != 0 {
+            let marks = gate.look(hot, &seen);
+            let sample = |k: usize| seen.y[k] * step.samples.width as u32 + seen.x[k];
+            self.matches.extend(bits(marks.seen).map(|k| Match {
+                surfel: first + k as u32,
+                sample: sample(k),
+                distance: marks.distance[k],
+            }));
+            for k in bits(marks.before) {
+                if gate.looks_through(&seen, k) {
+                    weeds |= self.wear(&mut hot.confidence[k], Doubt::Through);
                 }
-                Sight::Doubt(doubt) => {
-                    self.doubts.push((id, doubt));
-                    if doubt == Doubt::Stray {
-                        self.strays.push(sample);
-                    }
-                    weeds |= wear(surfels.cold[id as usize].confidence, doubt) < 0.0;
-                }
-                Sight::Nothing => {}
             }
+            for k in bits(marks.stray) {
+                self.strays.push(sample(k));
+                weeds |= self.wear(&mut hot.confidence[k], Doubt::Stray);
+            }
+            for k in bits(marks.seen & unseen) {
+                cold[k].seen = step.now;
+            }
+            unseen &= !marks.seen;
+            let young = marks.fused & u32::from(hot.unstable);
+            for k in bits(young) {
+                if hot.confidence[k] >= step.params.stable_sightings as f32 {
+                    hot.unstable &= !(1 << k);
+                    self.ripe.push(first + k as u32);
+                }
+            }
+            // One in eight follows even the slowest drift.
+            let turn = 0x0101u32 << ((8 - (step.now + first) % 8) % 8);
+            let follow = marks.fused & !young & (marks.moved | turn);
+            self.moved.extend(bits(follow).map(|k| first + k as u32));
         }
         // Only unstable ones time out; the bookkeeping of the others is left alone.
         for k in bits(unseen) {
-            weeds |= timed_out(&surfels.cold[block.first as usize + k], gate.step);
+            weeds |= cold[k].timed_out(step);
         }
         weeds
     }
 
-    /// Lowers the confidence of the doubted surfels; returns how many are worn out.
-    fn doubt(&mut self, store: &mut Store) -> u32 {
-        let mut worn = 0;
-        for (id, doubt) in self.doubts.drain(..) {
-            let confidence = &mut store.surfels.cold[id as usize].confidence;
-            *confidence = wear(*confidence, doubt);
-            worn += u32::from(*confidence < 0.0);
-        }
-        worn
+    /// Lowers a confidence; true when it is worn out.
+    fn wear(&mut self, confidence: &mut f32, doubt: Doubt) -> bool {
+        *confidence = match doubt {
+            Doubt::Through => *confidence * 0.7 - 0.5,
+            Doubt::Stray => *confidence * 0.9 - 0.3,
+        };
+        self.contradicted += u32::from(*confidence < 0.0);
+        *confidence < 0.0
     }
-}
-
-/// Confidence after a doubt.
-fn wear(confidence: f32, doubt: Doubt) -> f32 {
-    match doubt {
-        Doubt::Through => confidence * 0.7 - 0.5,
-        Doubt::Stray => confidence * 0.9 - 0.3,
-    }
-}
-
-/// What decides whether a surfel is seen.
-struct Gate<'a> {
-    lens: Lens<'a>,
-    step: Step<'a>,
-    /// Part of the measured depth in what is fused; the rest is the smoothed one.
-    raw: f32,
-}
-
-impl Gate<'_> {
-    /// What the sample under surfel `k` of a block says of it.
-    #[inline]
-    fn look(&self, seen: &Seen, k: usize) -> Sight {
-        let Step { samples, params, .. } = self.step;
-        let (x, y, p) = (seen.x[k] as usize, seen.y[k] as usize, seen.point(k));
-        let s = &samples.list[y * samples.width + x];
-        let (z, tolerance) = (s.z, s.tolerance);
-        if z == 0.0 {
-            return Sight::Nothing;
-        }
-        if p[2] < z - 2.0 * tolerance {
-            let through = looked_through(samples, x, y, p[2] + 2.0 * tolerance);
-            return if through { Sight::Doubt(Doubt::Through) } else { Sight::Nothing };
-        }
-        let n = s.normal;
-        if s.smooth == 0.0 || p[2] > z + 3.0 * tolerance + 0.1 * z {
-            return Sight::Nothing;
-        }
-        let ray = [samples.ray_x[x], samples.ray_y[y], 1.0];
-        let off = sub(p, [s.smooth * ray[0], s.smooth * ray[1], s.smooth]);
-        let ahead = dot(off, n);
-        let parallel = dot(seen.normal(k), n) >= params.gate_normal_cos;
-        if ahead.abs() > tolerance || !parallel {
-            // A sheet a little behind, or a wrongly turned disc within: not what the camera would see there.
-            let near = ahead.abs() <= if parallel { 3.0 * tolerance } else { 0.5 * tolerance };
-            return if near { Sight::Doubt(Doubt::Stray) } else { Sight::Nothing };
-        }
-        // Along the pixel's ray, what is z deeper lies z times their product behind.
-        let facing = dot(n, ray);
-        let ahead = ahead - self.raw * (z - s.smooth) * facing;
-        Sight::Seen { ahead, distance: dot(off, off) }
-    }
-}
-
-/// Unstable and not seen for long.
-#[inline]
-pub(crate) fn timed_out(cold: &Cold, step: Step<'_>) -> bool {
-    !cold.stable && step.now.saturating_sub(cold.seen) > step.params.unstable_frames
-}
-
-/// Whether all valid depths of the 3×3 samples around (x, y), at least six, lie beyond `z`.
-fn looked_through(samples: &Samples, x: usize, y: usize, z: f32) -> bool {
-    let mut beyond = 0;
-    for row in y.saturating_sub(1)..(y + 2).min(samples.height) {
-        for column in x.saturating_sub(1)..(x + 2).min(samples.width) {
-            let d = samples.list[row * samples.width + column].z;
-            if d > 0.0 && d <= z {
-                return false;
-            }
-            beyond += u32::from(d > z);
-        }
-    }
-    beyond >= 6
 }

@@ -1,25 +1,23 @@
-//! Surfels seen again are averaged with the frame; pixels without one get a new surfel.
+//! Surfels seen again get the label of their region; samples without one get a new surfel.
 
 use crate::associate::Association;
 use crate::event::Counts;
 use crate::frame::{dot, sub};
-use crate::samples::{Sample, Samples};
+use crate::samples::Samples;
 use crate::segments::Segments;
 use crate::store::{Step, Store};
-use crate::surfels::{Cold, Hot, Surfels};
+use crate::surfels::{Hot, Surfels};
 use crate::vote::Votes;
 
-const CONFIDENCE_MAX: f32 = 40.0;
 const LABEL_CONFIDENCE_MAX: i16 = 12;
 
-/// Averages position along the normal, the normal, and the label of every match.
-pub(crate) fn fuse(step: Step<'_>, association: &Association, votes: &Votes, store: &mut Store) {
-    let Step { samples, pose, params, now, .. } = step;
+/// Gives every surfel seen its label, and takes those that another one makes redundant out.
+pub(crate) fn label(step: Step<'_>, association: &Association, votes: &Votes, store: &mut Store) {
+    let Step { samples, params, .. } = step;
     let Store { surfels, segments, .. } = store;
     for m in &association.matches {
         let sample = &samples.list[m.sample as usize];
-        let cos = sample.cos;
-        if cos < params.min_incidence_cos {
+        if sample.cos < params.min_incidence_cos {
             continue;
         }
         let best = association.hits[m.sample as usize].surfel;
@@ -29,28 +27,10 @@ pub(crate) fn fuse(step: Step<'_>, association: &Association, votes: &Votes, sto
             surfels.doom(m.surfel);
             continue;
         }
-        let mut hot = surfels.hot(m.surfel);
-        let cold = &mut surfels.cold[m.surfel as usize];
-        let gain = cos / (cold.confidence + cos);
-        let n = pose.turn(sample.normal);
-        for ((p, own), n) in hot.position.iter_mut().zip(&mut hot.normal).zip(n) {
-            *p -= n * m.ahead * gain;
-            *own += (n - *own) * gain;
+        let segment = votes.segment_of[sample.region()];
+        if segment != 0 {
+            vote(surfels, segments, m.surfel, segment, sample.is_edge());
         }
-        // One Newton step towards unit length: the length is within 10 % of it and gains at every sighting.
-        let scale = 1.5 - 0.5 * dot(hot.normal, hot.normal);
-        hot.normal = hot.normal.map(|v| v * scale);
-        hot.radius = hot.radius.min(radius(samples.spacing, sample.smooth, cos));
-        cold.confidence = (cold.confidence + 1.0).min(CONFIDENCE_MAX);
-        let ripe = !cold.stable && cold.confidence >= params.stable_sightings as f32;
-        surfels.set_hot(m.surfel, &hot);
-        if ripe {
-            surfels.set_stable(m.surfel);
-            segments.ripen(surfels, m.surfel);
-        } else if (m.ahead * gain).abs() > 2.5e-4 || (now + m.surfel).is_multiple_of(8) {
-            segments.follow(surfels, m.surfel);
-        }
-        label(sample, votes, surfels, segments, m.surfel);
     }
 }
 
@@ -58,35 +38,32 @@ pub(crate) fn fuse(step: Step<'_>, association: &Association, votes: &Votes, sto
 fn redundant(surfels: &Surfels, id: u32, best: u32) -> bool {
     let off = sub(surfels.position(id), surfels.position(best));
     let r = surfels.radius(id).min(surfels.radius(best));
-    let certain = |id: u32| (surfels.cold[id as usize].confidence, std::cmp::Reverse(id));
+    let certain = |id: u32| (surfels.confidence(id), std::cmp::Reverse(id));
     dot(off, off) < r * r && certain(id) < certain(best)
 }
 
-/// Moves the label towards that of the pixel's region: agreement strengthens it, disagreement wears it down.
+/// Moves the label towards that of the sample's region: agreement strengthens it, disagreement wears it down.
 /// Samples that got their region by growth only confirm or fill.
-fn label(sample: &Sample, votes: &Votes, surfels: &mut Surfels, segments: &mut Segments, id: u32) {
-    let segment = votes.segment_of[sample.region()];
-    if segment == 0 {
-        return;
-    }
+fn vote(surfels: &mut Surfels, segments: &mut Segments, id: u32, segment: u32, edge: bool) {
     let own = surfels.segment(id);
-    let cold = &mut surfels.cold[id as usize];
+    let confidence = surfels.label_confidence(id);
     if own == segment {
-        cold.label_confidence = (cold.label_confidence + 1).min(LABEL_CONFIDENCE_MAX);
+        *confidence = (*confidence + 1).min(LABEL_CONFIDENCE_MAX);
     } else if own == 0 {
-        cold.label_confidence = 0;
+        *confidence = 0;
         segments.relabel(surfels, id, segment);
-    } else if !sample.is_edge() {
-        cold.label_confidence -= 1;
-        if cold.label_confidence < 0 {
-            cold.label_confidence = 0;
+    } else if !edge {
+        *confidence -= 1;
+        if *confidence < 0 {
+            *confidence = 0;
             segments.relabel(surfels, id, segment);
         }
     }
 }
 
 /// Radius of the disc that covers a sample's footprint: `2 r² = spacing² z² / cos`.
-fn radius(spacing: f32, z: f32, cos: f32) -> f32 {
+#[inline(always)]
+pub(crate) fn radius(spacing: f32, z: f32, cos: f32) -> f32 {
     spacing * z / (2.0 * cos).sqrt()
 }
 
@@ -130,8 +107,7 @@ pub(crate) fn create(
 fn insert(store: &mut Store, hot: Hot, now: u32, limit: u32) -> Option<u32> {
     let key = store.bricks.key(hot.position)?;
     let brick = store.bricks.find_or_make(key)?;
-    let cold = Cold { confidence: 1.0, seen: now, ..Cold::default() };
-    store.surfels.insert(&mut store.bricks.list[brick].blocks, hot, cold, limit)
+    store.surfels.insert(brick as u32, &mut store.bricks.list[brick].blocks, hot, now, limit)
 }
 
 /// Whether a surfel seen in the 3×3 samples lies within `reach` of the ray through `position`.

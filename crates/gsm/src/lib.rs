@@ -48,6 +48,7 @@ mod samples;
 mod segment;
 mod segments;
 mod shrink;
+mod sight;
 mod split;
 mod store;
 mod surfels;

@@ -1,6 +1,6 @@
 //! The map and its frame loop.
 
-use crate::associate::{Association, Pose, timed_out};
+use crate::associate::{Association, Pose};
 use crate::bricks::Bricks;
 use crate::event::{Counts, FrameReport, SegmentId, Skip};
 use crate::frame::Frame;
@@ -145,7 +145,7 @@ impl Map {
         done(Stage::Vote);
 
         // The map learns the frame.
-        fuse::fuse(step, association, votes, store);
+        fuse::label(step, association, votes, store);
         fuse::create(step, association, votes, store, counts);
         done(Stage::Fuse);
         self.merges.run(step, votes, store, events);
@@ -233,14 +233,14 @@ impl Map {
     /// The live surfels in the order in which they are stored, which depends on the history alone.
     pub fn surfels(&self) -> impl Iterator<Item = Surfel> + '_ {
         (0..self.store.surfels.entries()).filter(|&i| self.store.surfels.is_live(i)).map(|i| {
-            let (hot, cold) = (self.store.surfels.hot(i), &self.store.surfels.cold[i as usize]);
+            let hot = self.store.surfels.hot(i);
             Surfel {
                 position: Point3::from(hot.position),
                 normal: Vector3::from(hot.normal),
                 radius: hot.radius,
-                confidence: cold.confidence,
+                confidence: self.store.surfels.confidence(i),
                 segment: (hot.segment != 0).then(|| self.store.segments.id(hot.segment - 1)),
-                stable: cold.stable,
+                stable: self.store.surfels.is_stable(i),
             }
         })
     }
@@ -263,7 +263,7 @@ fn expire(step: Step<'_>, store: &mut Store, sweep: &mut usize) -> u32 {
     for _ in 0..SWEEP.min(n) {
         *sweep = (*sweep + 1) % n;
         if !store.bricks.list[*sweep].blocks.is_empty() {
-            expired += store.weed(*sweep, |s, id| timed_out(&s.cold[id as usize], step));
+            expired += store.weed(*sweep, |s, id| s.timed_out(id, step));
         }
     }
     expired

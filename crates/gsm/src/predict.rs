@@ -36,7 +36,7 @@ impl Prediction {
             let first = block.first as usize;
             let seen = lens.project(&surfels.hot[first / BLOCK]);
             for k in bits(seen.inside) {
-                let confidence = surfels.cold[first + k].confidence;
+                let confidence = surfels.hot[first / BLOCK].confidence[k];
                 let (x, y) = (seen.x[k] as usize, seen.y[k] as usize);
                 for y in y.saturating_sub(before)..(y + after + 1).min(frame.height) {
                     for x in x.saturating_sub(before)..(x + after + 1).min(frame.width) {

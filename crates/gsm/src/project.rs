@@ -51,33 +51,32 @@ impl<'a> Lens<'a> {
 
     #[inline(always)]
     fn lanes(&self, hot: &HotBlock) -> Seen {
+        // Copies on the stack, which the compiler knows to be apart.
         let Self { pose, near, fx, fy, cx, cy, width, height } = *self;
-        let mut seen = Seen {
-            inside: 0,
-            doomed: 0,
-            point: [[0.0; BLOCK]; 3],
-            normal: [[0.0; BLOCK]; 3],
-            x: [0; BLOCK],
-            y: [0; BLOCK],
-        };
+        let pose = *pose;
+        let HotBlock { position, normal, radius, .. } = *hot;
         let (mut inside, mut doomed) = ([0u32; BLOCK], [0u32; BLOCK]);
+        let (mut point, mut turned) = ([[0.0; BLOCK]; 3], [[0.0; BLOCK]; 3]);
+        let (mut x, mut y) = ([0; BLOCK], [0; BLOCK]);
         for k in 0..BLOCK {
-            let p = pose.view([hot.position[0][k], hot.position[1][k], hot.position[2][k]]);
-            let n = pose.unturn([hot.normal[0][k], hot.normal[1][k], hot.normal[2][k]]);
+            let p = pose.view([position[0][k], position[1][k], position[2][k]]);
+            let n = pose.unturn([normal[0][k], normal[1][k], normal[2][k]]);
             let inverse = 1.0 / p[2];
             let u = fx * p[0] * inverse + cx;
             let v = fy * p[1] * inverse + cy;
             let within = (p[2] >= near) & (u >= 0.0) & (v >= 0.0) & (u < width) & (v < height);
-            inside[k] = u32::from(within & (hot.radius[k] > 0.0)) << k;
-            doomed[k] = u32::from(hot.radius[k] < 0.0) << k;
-            (seen.x[k], seen.y[k]) = (whole(u), whole(v));
-            for a in 0..3 {
-                (seen.point[a][k], seen.normal[a][k]) = (p[a], n[a]);
-            }
+            inside[k] = u32::from(within & (radius[k] > 0.0)) << k;
+            doomed[k] = u32::from(radius[k] < 0.0) << k;
+            (x[k], y[k]) = (whole(u), whole(v));
+            (point[0][k], point[1][k], point[2][k]) = (p[0], p[1], p[2]);
+            (turned[0][k], turned[1][k], turned[2][k]) = (n[0], n[1], n[2]);
         }
-        seen.inside = inside.iter().fold(0, |m, b| m | b);
-        seen.doomed = doomed.iter().fold(0, |m, b| m | b);
-        seen
+        let (mut some, mut gone) = (0, 0);
+        for k in 0..BLOCK {
+            some |= inside[k];
+            gone |= doomed[k];
+        }
+        Seen { inside: some, doomed: gone, point, normal: turned, x, y }
     }
 }
 

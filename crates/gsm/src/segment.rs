@@ -138,7 +138,7 @@ impl Segment<'_> {
     }
 
     fn stable(&self) -> impl Iterator<Item = u32> + '_ {
-        let cold = &self.map.store.surfels.cold;
-        self.record.members.iter().copied().filter(move |&id| cold[id as usize].stable)
+        let surfels = &self.map.store.surfels;
+        self.record.members.iter().copied().filter(|&id| surfels.is_stable(id))
     }
 }

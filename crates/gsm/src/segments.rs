@@ -83,8 +83,8 @@ impl Segments {
         let old = std::mem::replace(surfels.segment_mut(id), segment);
         if old != 0 {
             let record = &mut self.slots[old as usize - 1];
-            let Cold { counted, stable, place, .. } = surfels.cold[id as usize];
-            if stable {
+            let Cold { counted, place, .. } = surfels.cold[id as usize];
+            if surfels.is_stable(id) {
                 record.moments.remove(counted);
             }
             record.members.swap_remove(place as usize);
@@ -96,11 +96,12 @@ impl Segments {
         if segment != 0 {
             let counted = self.counted(surfels.position(id));
             let record = &mut self.slots[segment as usize - 1];
+            let stable = surfels.is_stable(id);
             let cold = &mut surfels.cold[id as usize];
             cold.place = record.members.len() as u32;
             cold.counted = counted;
             record.members.push(id);
-            if cold.stable {
+            if stable {
                 record.moments.add(counted);
             }
             self.touched.push(segment - 1);
@@ -121,10 +122,10 @@ impl Segments {
     /// Brings the moments up to a stable surfel's position once it has moved by more than 1 mm.
     pub(crate) fn follow(&mut self, surfels: &mut Surfels, id: u32) {
         let (segment, position) = (surfels.segment(id), surfels.position(id));
-        let cold = &mut surfels.cold[id as usize];
-        if segment == 0 || !cold.stable {
+        if segment == 0 || !surfels.is_stable(id) {
             return;
         }
+        let cold = &mut surfels.cold[id as usize];
         // Well below 1 mm, without the exact coordinates.
         let near = |k: usize| {
             (position[k] - self.origin[k] - cold.counted[k] as f32 * UNIT as f32).abs() < 8e-4

@@ -208,7 +208,7 @@ fn split(
     events.push(SegmentEvent::Split { from: segments.id(old - 1), into: segments.id(slot) });
     for id in parts {
         segments.relabel(surfels, id, slot + 1);
-        surfels.cold[id as usize].label_confidence = CONFIDENCE;
+        *surfels.label_confidence(id) = CONFIDENCE;
         surfels.set_tag(id, 0);
     }
     votes.segment_of[region as usize] = slot + 1;
