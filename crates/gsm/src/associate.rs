@@ -155,8 +155,7 @@ impl Association {
         self.weeds.sort_unstable();
         self.weeds.dedup();
         for b in self.weeds.drain(..) {
-            let gone = |s: &Surfels, id: u32| s.confidence(id) < 0.0 || s.timed_out(id, step);
-            counts.expired += store.weed(b as usize, gone);
+            counts.expired += store.weed(b as usize, step);
         }
         counts.expired -= counts.contradicted;
         counts.matched = self.matches.len() as u32;
@@ -270,9 +269,9 @@ impl Share {
                     self.ripe.push(first + k as u32);
                 }
             }
-            // One in eight follows even the slowest drift.
+            // One in eight at a time.
             let turn = 0x0101u32 << ((8 - (step.now + first) % 8) % 8);
-            let follow = marks.fused & !young & (marks.moved | turn);
+            let follow = marks.fused & !young & turn;
             self.moved.extend(bits(follow).map(|k| first + k as u32));
         }
         // Only unstable ones time out; the bookkeeping of the others is left alone.

@@ -2,7 +2,7 @@
 
 use crate::Params;
 use crate::frame::{BAND, Frame, dot};
-use crate::lanes::{LANES, Lanes, load, same, wide};
+use crate::lanes::{LANES, Lanes, load, same, some, wide};
 use rayon::prelude::*;
 
 /// Writes `edge`. A pixel is an edge when it has no normal, when a link to one of its four neighbours is broken,
@@ -46,14 +46,16 @@ impl Test<'_> {
             (along, across) = ([0; LANES], [0; LANES]);
             self.reach(row + x, &mut along[..edge.len()], &mut across[..edge.len()]);
             let (k, m) = (u64::from_le_bytes(along), u64::from_le_bytes(across));
-            if k == 0 || m == 0 {
+            // A pixel of a broken link is an edge, whatever the others do.
+            let care = some(k) & some(m);
+            if care == 0 {
                 edge.fill(1);
                 continue;
             }
             let (place, i) = ([x, y], row + x);
             let mut hit;
-            match (same(k), same(m)) {
-                (Some(k), Some(m)) if edge.len() == LANES => {
+            match (same(k, care), same(m, care)) {
+                (Some(k), Some(m)) if edge.len() == LANES && x >= k => {
                     hit = self.creased(&self.beside(place, k), i);
                     or(&mut hit, self.creased(&self.above(place, m), i));
                 }

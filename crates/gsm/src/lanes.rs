@@ -38,12 +38,22 @@ pub(crate) fn word(plane: &[u8], i: usize) -> u64 {
     plane.get(i..i + LANES).and_then(|s| s.first_chunk()).map_or(0, |b| u64::from_le_bytes(*b))
 }
 
-/// The byte that all eight of a word are, if they are equal.
+/// The byte that those of the eight of a word are for which `care` has ones, if they are equal.
 #[inline(always)]
-pub(crate) fn same(word: u64) -> Option<usize> {
-    let byte = word & 0xff;
-    (word == byte.wrapping_mul(0x0101_0101_0101_0101)).then_some(byte as usize)
+pub(crate) fn same(word: u64, care: u64) -> Option<usize> {
+    let byte = word >> (care.trailing_zeros() & 56) & 0xff;
+    ((word ^ byte.wrapping_mul(EACH)) & care == 0).then_some(byte as usize)
 }
+
+/// All ones in the bytes that are not zero.
+#[inline(always)]
+pub(crate) fn some(word: u64) -> u64 {
+    const LOW: u64 = 0x7f * EACH;
+    let high = (((word & LOW) + LOW) | word) & !LOW;
+    (high >> 7).wrapping_mul(0xff)
+}
+
+const EACH: u64 = 0x0101_0101_0101_0101;
 
 /// The whole part of a number from 0 to 2^23, without the checks of a cast: in the last bits of its sum with 2^23.
 #[inline(always)]

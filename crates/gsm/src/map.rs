@@ -263,7 +263,7 @@ fn expire(step: Step<'_>, store: &mut Store, sweep: &mut usize) -> u32 {
     for _ in 0..SWEEP.min(n) {
         *sweep = (*sweep + 1) % n;
         if !store.bricks.list[*sweep].blocks.is_empty() {
-            expired += store.weed(*sweep, |s, id| s.timed_out(id, step));
+            expired += store.weed(*sweep, step);
         }
     }
     expired

@@ -8,7 +8,7 @@
 //! parallel.
 
 use crate::frame::{BAND, DOWN, Frame, RIGHT};
-use crate::lanes::{LANES, Lanes, load, same, store, wide, word};
+use crate::lanes::{LANES, Lanes, load, same, some, store, wide, word};
 use crate::noise::RADIUS_MAX;
 use rayon::prelude::*;
 
@@ -206,7 +206,7 @@ fn fit_row(
     let mut x = 0;
     while x < w {
         if x + LANES <= w
-            && let (Some(l), Some(r)) = (same(word(left, x)), same(word(right, x)))
+            && let (Some(l), Some(r)) = (same(word(left, x), !0), same(word(right, x), !0))
             && l + r >= 2
         {
             let (n, off) = (l + r + 1, 0.5 * (r as f64 - l as f64));
@@ -341,7 +341,10 @@ impl Columns<'_> {
         for x in (0..w).step_by(LANES) {
             let mut window = Windows::default();
             if x + LANES <= w
-                && let (Some(u), Some(d)) = (same(word(row.up, x)), same(word(row.down, x)))
+                && let (ups, downs) = (word(row.up, x), word(row.down, x))
+                // Windows of one row give nothing, whatever they are.
+                && let care = some(ups | downs)
+                && let (Some(u), Some(d)) = (same(ups, care), same(downs, care))
             {
                 for c in 0..4 {
                     let a = load(&row.prefix[c], (row.place - u) * w + x);
@@ -350,8 +353,10 @@ impl Columns<'_> {
                         window.sums[c][k] = b[k] - a[k];
                     }
                 }
-                window.up = [u as f32; LANES];
-                window.down = [d as f32; LANES];
+                for k in 0..LANES {
+                    window.up[k] = if care >> (8 * k) & 1 == 0 { 0.0 } else { u as f32 };
+                    window.down[k] = if care >> (8 * k) & 1 == 0 { 0.0 } else { d as f32 };
+                }
                 window.spread = [self.spread[u + d + 1]; LANES];
             } else {
                 for (k, x) in (x..(x + LANES).min(w)).enumerate() {

@@ -35,8 +35,6 @@ pub(crate) struct Marks {
     pub(crate) stray: u32,
     /// Averaged with their sample.
     pub(crate) fused: u32,
-    /// Of these, moved by more than a quarter of a millimetre.
-    pub(crate) moved: u32,
     /// Square of the distance from the sample's point.
     pub(crate) distance: Column,
 }
@@ -87,7 +85,7 @@ impl<'a> Gate<'a> {
         let Seen { point, normal: own, .. } = *seen;
         let Under { z, smooth, normal: n, cos, tolerance, ray } = *under;
         let HotBlock { mut position, mut normal, mut radius, mut confidence, .. } = *hot;
-        let mut marks = [[0u32; BLOCK]; 5];
+        let mut marks = [[0u32; BLOCK]; 4];
         let mut distance = [0f32; BLOCK];
         for k in 0..BLOCK {
             let p = [point[0][k], point[1][k], point[2][k]];
@@ -129,17 +127,16 @@ impl<'a> Gate<'a> {
             marks[1][k] = u32::from(live & nearer) << k;
             marks[2][k] = u32::from(open & !hit & about) << k;
             marks[3][k] = u32::from(learns) << k;
-            marks[4][k] = u32::from(learns & (step.abs() > 2.5e-4)) << k;
         }
         (hot.position, hot.normal, hot.radius, hot.confidence) = (position, normal, radius, confidence);
-        let mut all = [0; 5];
-        for c in 0..5 {
+        let mut all = [0; 4];
+        for c in 0..4 {
             for k in 0..BLOCK {
                 all[c] |= marks[c][k];
             }
         }
-        let [seen, before, stray, fused, moved] = all;
-        Marks { seen, before, stray, fused, moved, distance }
+        let [seen, before, stray, fused] = all;
+        Marks { seen, before, stray, fused, distance }
     }
 
     /// Whether all valid depths of the 3×3 samples around a surfel, at least six, lie beyond it.

@@ -197,6 +197,13 @@ impl Surfels {
         &mut block.label_confidence[k]
     }
 
+    /// Unstable or worn out entries of the block that starts at an entry.
+    pub(crate) fn suspects(&self, first: u32) -> u16 {
+        let block = &self.hot[first as usize / BLOCK];
+        let worn = (0..BLOCK).fold(0, |m, k| m | u16::from(block.confidence[k] < 0.0) << k);
+        block.unstable | worn
+    }
+
     /// Unstable and not seen for long.
     pub(crate) fn timed_out(&self, id: u32, step: Step<'_>) -> bool {
         !self.is_stable(id) && self.cold[id as usize].timed_out(step)
@@ -266,21 +273,10 @@ impl Surfels {
     }
 }
 
-/// Entries in use of a block, lowest first.
-pub(crate) fn entries(block: Block) -> impl Iterator<Item = u32> {
-    let mut rest = block.used;
-    std::iter::from_fn(move || {
-        let bit = rest.trailing_zeros();
-        (rest != 0).then(|| {
-            rest &= rest - 1;
-            block.first + bit
-        })
-    })
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::project::bits;
 
     #[test]
     fn blocks_are_filled_emptied_and_used_again() {
@@ -293,9 +289,9 @@ mod tests {
             assert!(s.insert(7, &mut blocks, hot, 1, 48).is_some());
         }
         assert_eq!(s.insert(7, &mut blocks, hot, 1, 48), None);
-        assert_eq!(blocks.iter().flat_map(|&b| entries(b)).take(40).collect::<Vec<_>>(), ids);
+        assert_eq!(blocks.iter().flat_map(|b| bits(b.used.into()).map(|k| b.first + k as u32)).take(40).collect::<Vec<_>>(), ids);
         for b in &mut blocks {
-            entries(*b).for_each(|id| s.remove(id));
+            bits(b.used.into()).for_each(|k| s.remove(b.first + k as u32));
             b.used = 0;
         }
         s.recycle(&mut blocks);

@@ -81,15 +81,24 @@ impl Votes {
         self.table.resize(regions * columns, 0);
         self.cores.clear();
         self.cores.resize(regions, 0);
+        // Votes of neighbours for the same are cast together.
+        let mut votes = (0, 0);
         for (sample, key) in samples.list.iter().zip(&self.keys) {
             if sample.is_edge() {
                 continue;
             }
             self.cores[key.region as usize] += 1;
-            if key.segment != 0 && key.region != 0 {
-                self.table[key.region as usize * columns + self.column[key.segment as usize - 1] as usize] += 1;
+            if key.is_bare() {
+                continue;
             }
+            let place = key.region as usize * columns + self.column[key.segment as usize - 1] as usize;
+            if place != votes.0 {
+                self.table.get_mut(votes.0).into_iter().for_each(|n| *n += votes.1);
+                votes = (place, 0);
+            }
+            votes.1 += 1;
         }
+        self.table.get_mut(votes.0).into_iter().for_each(|n| *n += votes.1);
         self.resolve(segments, params, now, events);
         self.touch(samples);
     }
@@ -102,18 +111,15 @@ impl Votes {
         self.keys.clear();
         let keys = association.hits.iter().zip(&samples.list);
         self.keys.extend(keys.map(|(h, s)| Key { segment: h.segment, region: s.region() as u32 }));
-        for &Key { segment: s, .. } in &self.keys {
-            if s == 0 {
-                continue;
-            }
-            let slot = s as usize - 1;
+        for run in self.keys.chunk_by(|a, b| a.segment == b.segment).filter(|run| run[0].segment != 0) {
+            let slot = run[0].segment as usize - 1;
             if self.stamp[slot] != now {
                 self.stamp[slot] = now;
                 self.column[slot] = self.seen.len() as u32;
                 self.seen.push(slot as u32);
                 self.pixels.push(0);
             }
-            self.pixels[self.column[slot] as usize] += 1;
+            self.pixels[self.column[slot] as usize] += run.len() as u32;
         }
     }
 
