@@ -1,23 +1,21 @@
-//! Which surfels the frame sees again, which it looks through, and which pixels have a surfel.
+//! Which surfels the frame sees again, which it looks through, and which samples have a surfel.
 
-use crate::Params;
 use crate::event::Counts;
-use crate::frame::{Frame, dot, sub};
+use crate::frame::{dot, sub};
+use crate::project::{Lens, bits};
+use crate::sight::Gate;
 use crate::store::{Step, Store};
-use crate::surfels::{BLOCK, Cold, Hot, Surfels};
+use crate::surfels::{BLOCK, Cold, HotBlock, Surfels};
 use nalgebra::{Isometry3, Matrix3};
-
-/// Where errors are independent, surfels average them: fused is mostly the measured depth, since smoothing would
-/// blur steps for good.
-const RAW: f32 = 0.75;
+use rayon::prelude::*;
 
 /// A surfel seen again.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Match {
     pub(crate) surfel: u32,
-    pub(crate) pixel: u32,
-    /// Distance of the surfel in front of the pixel's tangent plane at the depth to be fused, metres.
-    pub(crate) ahead: f32,
+    pub(crate) sample: u32,
+    /// Square of its distance from the sample's point.
+    distance: f32,
 }
 
 /// Camera pose as plain arrays.
@@ -37,31 +35,56 @@ impl Pose {
     }
 
     /// Turns a camera direction into the world.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn turn(&self, v: [f32; 3]) -> [f32; 3] {
         let m = &self.world_from_camera;
         [dot(m[0], v), dot(m[1], v), dot(m[2], v)]
     }
 
     /// Turns a world direction into the camera.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn unturn(&self, v: [f32; 3]) -> [f32; 3] {
         let m = &self.world_from_camera;
-        let c = |k: usize| m[0][k] * v[0] + m[1][k] * v[1] + m[2][k] * v[2];
-        [c(0), c(1), c(2)]
+        [
+            m[0][0] * v[0] + m[1][0] * v[1] + m[2][0] * v[2],
+            m[0][1] * v[0] + m[1][1] * v[1] + m[2][1] * v[2],
+            m[0][2] * v[0] + m[1][2] * v[1] + m[2][2] * v[2],
+        ]
     }
 
     /// A world point in the camera frame.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn view(&self, p: [f32; 3]) -> [f32; 3] {
         self.unturn(sub(p, self.centre))
     }
 
     /// A camera point in the world.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn place(&self, p: [f32; 3]) -> [f32; 3] {
         let q = self.turn(p);
         [q[0] + self.centre[0], q[1] + self.centre[1], q[2] + self.centre[2]]
+    }
+}
+
+/// What a sample sees of the map.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Hit {
+    /// Square of the nearest matched surfel's distance from the sample's point; `f32::MAX` = only strays, infinite =
+    /// nothing there.
+    distance: f32,
+    /// Nearest matched surfel plus one, 0 = none.
+    pub(crate) surfel: u32,
+    /// Its segment (slot plus one), 0 = none.
+    pub(crate) segment: u32,
+}
+
+impl Hit {
+    const NONE: Self = Self { distance: f32::INFINITY, surfel: 0, segment: 0 };
+
+    /// Whether the sample sees no surfel, and none strays about its point either.
+    #[inline]
+    pub(crate) fn is_bare(&self) -> bool {
+        self.distance == f32::INFINITY
     }
 }
 
@@ -69,16 +92,37 @@ impl Pose {
 #[derive(Debug, Default)]
 pub(crate) struct Association {
     pub(crate) matches: Vec<Match>,
-    /// Per pixel the nearest matched surfel plus one, 0 = none.
-    pub(crate) hit: Vec<u32>,
-    /// Its segment (slot plus one), 0 = none.
-    pub(crate) segment: Vec<u32>,
-    /// Square of its distance from the pixel's point; `f32::MAX` = only strays, infinite = nothing there.
-    hit_distance: Vec<f32>,
-    /// Surfels that the frame speaks against, and how strongly.
-    doubted: Vec<(u32, Doubt)>,
+    /// Per sample.
+    pub(crate) hits: Vec<Hit>,
+    /// Blocks of the visible bricks, a bit each, and their numbers in order.
+    marked: Vec<u64>,
+    blocks: Vec<u32>,
+    shares: Vec<Share>,
+    weeds: Vec<u32>,
+}
+
+/// What some of the visible blocks gave.
+#[derive(Debug, Default)]
+struct Share {
+    matches: Vec<Match>,
+    /// Samples near whose point a surfel strays.
+    strays: Vec<u32>,
+    /// Surfels that have become stable, and stable ones that may have moved.
+    ripe: Vec<u32>,
+    moved: Vec<u32>,
     /// Bricks that hold surfels to be removed.
     weeds: Vec<u32>,
+    contradicted: u32,
+}
+
+/// A share's part of the storage.
+struct Part<'a> {
+    share: &'a mut Share,
+    blocks: &'a [u32],
+    /// Number of the first block in `hot` and `cold`.
+    first: u32,
+    hot: &'a mut [HotBlock],
+    cold: &'a mut [Cold],
 }
 
 /// Why a surfel in view is not seen.
@@ -90,203 +134,160 @@ enum Doubt {
     Stray,
 }
 
-enum Sight {
-    Seen,
-    Doubt(Doubt),
-    Nothing,
-}
-
 impl Association {
     /// Projects every surfel of the visible bricks. The measured depth itself decides visibility: a surfel within
-    /// the gate of its pixel's tangent plane is seen, one clearly before it is contradicted, one behind is hidden.
+    /// the gate of its sample's tangent plane is seen and averaged with it, one clearly before it is contradicted,
+    /// one behind is hidden.
     pub(crate) fn run(&mut self, step: Step<'_>, visible: &[u32], store: &mut Store, counts: &mut Counts) {
         self.matches.clear();
-        self.hit.clear();
-        self.hit.resize(step.frame.z.len(), 0);
-        self.segment.clear();
-        self.segment.resize(step.frame.z.len(), 0);
-        self.hit_distance.clear();
-        self.hit_distance.resize(step.frame.z.len(), f32::INFINITY);
-        let Some(lens) = Lens::new(step) else { return };
-        for &b in visible {
-            let mut weeds = false;
-            for &block in &store.bricks.list[b as usize].blocks {
-                counts.visited += block.used.count_ones();
-                let first = block.first as usize;
-                let Some(hot) = store.surfels.hot[first..].first_chunk::<BLOCK>() else { continue };
-                let unstable = store.surfels.flags(block.first).unstable;
-                let cold = &mut store.surfels.cold[first..first + BLOCK];
-                for (k, hot) in hot.iter().enumerate() {
-                    if hot.radius <= 0.0 {
-                        weeds |= hot.radius < 0.0;
-                        continue;
-                    }
-                    let id = block.first + k as u32;
-                    let spot = lens.project(hot);
-                    let sight = spot.map_or(Sight::Nothing, |spot| self.look(&lens, hot, &spot, id));
-                    if let Sight::Doubt(doubt) = sight {
-                        self.doubted.push((id, doubt));
-                    }
-                    // Only unstable ones time out; the bookkeeping of the others is left alone.
-                    if unstable >> k & 1 == 1 {
-                        if matches!(sight, Sight::Seen) {
-                            cold[k].seen = step.now;
-                        } else {
-                            weeds |= timed_out(&cold[k], step);
-                        }
-                    }
-                }
-            }
-            weeds |= self.doubt(store, counts);
-            if weeds {
-                self.weeds.push(b);
-            }
+        self.hits.clear();
+        self.hits.resize(step.samples.list.len(), Hit::NONE);
+        let Some(camera) = step.samples.camera else { return };
+        counts.visited += self.list(visible, store);
+        let gate = Gate::new(Lens::new(&camera, step.pose, step.params), step);
+        let parts = split(&self.blocks, &mut self.shares, &mut store.surfels);
+        parts.into_par_iter().for_each(|part| part.run(&gate));
+        let mut shares = std::mem::take(&mut self.shares);
+        for share in &mut shares {
+            self.take(share, store, counts);
         }
+        self.shares = shares;
+        self.weeds.sort_unstable();
+        self.weeds.dedup();
         for b in self.weeds.drain(..) {
-            let gone = |s: &Surfels, id: u32| {
-                let cold = &s.cold[id as usize];
-                cold.confidence < 0.0 || timed_out(cold, step)
-            };
-            counts.expired += store.weed(b as usize, gone);
+            counts.expired += store.weed(b as usize, step);
         }
         counts.expired -= counts.contradicted;
         counts.matched = self.matches.len() as u32;
     }
 
-    /// Lowers the confidence of the doubted surfels; true when one is worn out.
-    fn doubt(&mut self, store: &mut Store, counts: &mut Counts) -> bool {
-        let mut any = false;
-        for (id, doubt) in self.doubted.drain(..) {
-            let cold = &mut store.surfels.cold[id as usize];
-            cold.confidence = match doubt {
-                Doubt::Through => cold.confidence * 0.7 - 0.5,
-                Doubt::Stray => cold.confidence * 0.9 - 0.3,
-            };
-            if cold.confidence < 0.0 {
-                counts.contradicted += 1;
-                any = true;
+    /// Lists the blocks of the visible bricks in the order in which they are stored; returns the number of surfels.
+    fn list(&mut self, visible: &[u32], store: &Store) -> u32 {
+        let mut visited = 0;
+        self.marked.clear();
+        self.marked.resize(store.surfels.hot.len().div_ceil(64), 0);
+        for block in visible.iter().flat_map(|&b| &store.bricks.list[b as usize].blocks) {
+            let number = block.first as usize / BLOCK;
+            self.marked[number / 64] |= 1 << (number % 64);
+            visited += block.used.count_ones();
+        }
+        self.blocks.clear();
+        for (k, &word) in self.marked.iter().enumerate() {
+            let mut word = word;
+            while word != 0 {
+                self.blocks.push(64 * k as u32 + word.trailing_zeros());
+                word &= word - 1;
             }
         }
-        any
+        visited
     }
 
-    /// Whether the pixel sees no surfel, and none strays about its point either.
-    #[inline]
-    pub(crate) fn is_bare(&self, pixel: usize) -> bool {
-        self.hit_distance[pixel] == f32::INFINITY
-    }
-
-    /// What the pixel under a surfel says of it.
-    #[inline]
-    fn look(&mut self, lens: &Lens<'_>, hot: &Hot, spot: &Spot, id: u32) -> Sight {
-        let Lens { frame, pose, params, .. } = *lens;
-        let Spot { point: p, x, y } = *spot;
-        let i = y * frame.width + x;
-        let z = frame.z[i];
-        if z == 0.0 {
-            return Sight::Nothing;
+    /// Takes in what a share of the blocks gave.
+    fn take(&mut self, share: &mut Share, store: &mut Store, counts: &mut Counts) {
+        let Store { surfels, segments, .. } = store;
+        for &i in &share.strays {
+            let hit = &mut self.hits[i as usize];
+            hit.distance = hit.distance.min(f32::MAX);
         }
-        let tolerance = params.gate_sigmas * frame.noise.sigma(z) + params.pose_error;
-        if p[2] < z - 2.0 * tolerance {
-            let through = looked_through(frame, x, y, p[2] + 2.0 * tolerance);
-            return if through { Sight::Doubt(Doubt::Through) } else { Sight::Nothing };
-        }
-        let n = frame.normal[i];
-        if n == [0.0; 3] || p[2] > z + 3.0 * tolerance + 0.1 * z {
-            return Sight::Nothing;
-        }
-        let off = sub(p, frame.point(x, y));
-        let ahead = dot(off, n);
-        let parallel = dot(pose.unturn(hot.normal), n) >= params.gate_normal_cos;
-        if ahead.abs() > tolerance || !parallel {
-            // A sheet a little behind, or a wrongly turned disc within: not what the camera would see there.
-            let near = ahead.abs() <= if parallel { 3.0 * tolerance } else { 0.5 * tolerance };
-            if !near {
-                return Sight::Nothing;
+        for m in &share.matches {
+            let hit = &mut self.hits[m.sample as usize];
+            if m.distance < hit.distance {
+                *hit = Hit { distance: m.distance, surfel: m.surfel + 1, segment: surfels.segment(m.surfel) };
             }
-            self.hit_distance[i] = self.hit_distance[i].min(f32::MAX);
-            return Sight::Doubt(Doubt::Stray);
         }
-        // Along the pixel's ray, what is z deeper lies z times their product behind.
-        let facing = dot(n, [frame.ray_x[x], frame.ray_y[y], 1.0]);
-        let ahead = ahead - lens.raw * (z - frame.smooth[i]) * facing;
-        self.matches.push(Match { surfel: id, pixel: i as u32, ahead });
-        let distance = dot(off, off);
-        if distance < self.hit_distance[i] {
-            self.hit_distance[i] = distance;
-            self.hit[i] = id + 1;
-            self.segment[i] = hot.segment;
-        }
-        Sight::Seen
+        share.ripe.drain(..).for_each(|id| segments.ripen(surfels, id));
+        share.moved.drain(..).for_each(|id| segments.follow(surfels, id));
+        self.matches.append(&mut share.matches);
+        self.weeds.append(&mut share.weeds);
+        share.strays.clear();
+        counts.contradicted += std::mem::take(&mut share.contradicted);
     }
 }
 
-/// Where a surfel falls: its point in the camera frame, its column and its row.
-struct Spot {
-    point: [f32; 3],
-    x: usize,
-    y: usize,
-}
-
-/// Camera constants of the projection, shifted by half a pixel so that truncation rounds to the nearest.
-struct Lens<'a> {
-    frame: &'a Frame,
-    pose: &'a Pose,
-    params: &'a Params,
-    fx: f32,
-    fy: f32,
-    cx: f32,
-    cy: f32,
-    width: f32,
-    height: f32,
-    /// Part of the measured depth in what is fused; the rest is the smoothed one.
-    raw: f32,
-}
-
-impl<'a> Lens<'a> {
-    fn new(Step { frame, pose, params, .. }: Step<'a>) -> Option<Self> {
-        let c = frame.camera?;
-        let (width, height) = (frame.width as f32, frame.height as f32);
-        let (cx, cy) = (c.cx() + 0.5, c.cy() + 0.5);
-        let raw = if frame.noise.independent { RAW } else { 0.0 };
-        Some(Self { frame, pose, params, fx: c.fx(), fy: c.fy(), cx, cy, width, height, raw })
+/// Deals the blocks out to the threads, each with the stretch of the storage that holds its blocks.
+fn split<'a>(blocks: &'a [u32], shares: &'a mut Vec<Share>, surfels: &'a mut Surfels) -> Vec<Part<'a>> {
+    let size = blocks.len().div_ceil(rayon::current_num_threads()).max(1);
+    shares.resize_with(blocks.len().div_ceil(size), Share::default);
+    let (mut hot, mut cold, mut done) = (&mut surfels.hot[..], &mut surfels.cold[..], 0);
+    let mut parts = Vec::with_capacity(shares.len());
+    for (blocks, share) in blocks.chunks(size).zip(shares) {
+        let end = blocks.last().map_or(done, |b| b + 1);
+        let take = (end - done) as usize;
+        let (own_hot, rest_hot) = std::mem::take(&mut hot).split_at_mut(take);
+        let (own_cold, rest_cold) = std::mem::take(&mut cold).split_at_mut(take * BLOCK);
+        parts.push(Part { share, blocks, first: done, hot: own_hot, cold: own_cold });
+        (hot, cold, done) = (rest_hot, rest_cold, end);
     }
-
-    /// Projects a surfel; `None` outside the image.
-    #[inline]
-    fn project(&self, hot: &Hot) -> Option<Spot> {
-        let point = self.pose.view(hot.position);
-        if point[2] < self.params.min_depth {
-            return None;
-        }
-        let inverse = 1.0 / point[2];
-        let u = self.fx * point[0] * inverse + self.cx;
-        let v = self.fy * point[1] * inverse + self.cy;
-        (u >= 0.0 && v >= 0.0 && u < self.width && v < self.height).then_some(Spot {
-            point,
-            x: u as usize,
-            y: v as usize,
-        })
-    }
+    parts
 }
 
-/// Unstable and not seen for long.
-#[inline]
-pub(crate) fn timed_out(cold: &Cold, step: Step<'_>) -> bool {
-    !cold.stable && step.now.saturating_sub(cold.seen) > step.params.unstable_frames
-}
-
-/// Whether all valid depths of the 3×3 pixels around (x, y), at least six, lie beyond `z`.
-fn looked_through(frame: &Frame, x: usize, y: usize, z: f32) -> bool {
-    let mut beyond = 0;
-    for row in y.saturating_sub(1)..(y + 2).min(frame.height) {
-        for column in x.saturating_sub(1)..(x + 2).min(frame.width) {
-            let d = frame.z[row * frame.width + column];
-            if d > 0.0 && d <= z {
-                return false;
+impl Part<'_> {
+    fn run(self, gate: &Gate<'_>) {
+        let Self { share, blocks, first, hot, cold } = self;
+        for &number in blocks {
+            let at = (number - first) as usize;
+            let Some(cold) = cold[at * BLOCK..].first_chunk_mut() else { continue };
+            if share.block(gate, number * BLOCK as u32, &mut hot[at], cold) {
+                share.weeds.push(hot[at].brick);
             }
-            beyond += u32::from(d > z);
         }
     }
-    beyond >= 6
+}
+
+impl Share {
+    /// Looks at the surfels of a block, numbered from `first`; true when one is to be removed.
+    fn block(&mut self, gate: &Gate<'_>, first: u32, hot: &mut HotBlock, cold: &mut [Cold; BLOCK]) -> bool {
+        let step = gate.step;
+        let seen = gate.lens.project(hot);
+        let mut weeds = seen.doomed != 0;
+        let mut unseen = u32::from(hot.unstable) & !seen.doomed;
+        if seen.inside != 0 {
+            let marks = gate.look(hot, &seen);
+            let sample = |k: usize| seen.y[k] * step.samples.width as u32 + seen.x[k];
+            self.matches.extend(bits(marks.seen).map(|k| Match {
+                surfel: first + k as u32,
+                sample: sample(k),
+                distance: marks.distance[k],
+            }));
+            for k in bits(marks.before) {
+                if gate.looks_through(&seen, k) {
+                    weeds |= self.wear(&mut hot.confidence[k], Doubt::Through);
+                }
+            }
+            for k in bits(marks.stray) {
+                self.strays.push(sample(k));
+                weeds |= self.wear(&mut hot.confidence[k], Doubt::Stray);
+            }
+            for k in bits(marks.seen & unseen) {
+                cold[k].seen = step.now;
+            }
+            unseen &= !marks.seen;
+            let young = marks.fused & u32::from(hot.unstable);
+            for k in bits(young) {
+                if hot.confidence[k] >= step.params.stable_sightings as f32 {
+                    hot.unstable &= !(1 << k);
+                    self.ripe.push(first + k as u32);
+                }
+            }
+            // One in eight at a time.
+            let turn = 0x0101u32 << ((8 - (step.now + first) % 8) % 8);
+            let follow = marks.fused & !young & turn;
+            self.moved.extend(bits(follow).map(|k| first + k as u32));
+        }
+        // Only unstable ones time out; the bookkeeping of the others is left alone.
+        for k in bits(unseen) {
+            weeds |= cold[k].timed_out(step);
+        }
+        weeds
+    }
+
+    /// Lowers a confidence; true when it is worn out.
+    fn wear(&mut self, confidence: &mut f32, doubt: Doubt) -> bool {
+        *confidence = match doubt {
+            Doubt::Through => *confidence * 0.7 - 0.5,
+            Doubt::Stray => *confidence * 0.9 - 0.3,
+        };
+        self.contradicted += u32::from(*confidence < 0.0);
+        *confidence < 0.0
+    }
 }

@@ -1,98 +1,261 @@
 //! Regions of a frame: connected pixels that are no edges, grown back into the edges between them.
+//!
+//! Rows are taken as bits, 64 pixels a word, and components as runs of pixels, so that the inside of a surface costs
+//! next to nothing.
 
-use crate::Params;
-use crate::frame::{DOWN, Frame, RIGHT};
+use crate::frame::{BAND, DOWN, Frame, RIGHT};
+use crate::lanes::{LANES, wide};
+use rayon::prelude::*;
 
 /// Writes `label` and `region_size`: 4-connected components of non-edge pixels over unbroken links, numbered from 1
-/// in raster order of their first pixel; components of fewer than `min_region_pixels` are dropped; then labels grow
+/// in raster order of their first pixel; components of fewer than `min_pixels` are dropped; then labels grow
 /// over unbroken links into edge pixels, nearest first.
-pub(crate) fn regions(frame: &mut Frame, params: &Params) {
-    unite(frame);
-    number(frame, params.min_region_pixels);
+pub(crate) fn regions(frame: &mut Frame, min_pixels: u32) {
+    let mut runs = std::mem::take(&mut frame.runs);
+    runs.read(frame);
+    runs.unite();
+    runs.number(frame, min_pixels);
+    runs.seed(frame);
     grow(frame);
+    frame.runs = runs;
 }
 
-/// Root of `i`, halving the path.
-fn root(parent: &mut [u32], mut i: u32) -> u32 {
-    while parent[i as usize] != i {
-        let up = parent[parent[i as usize] as usize];
-        parent[i as usize] = up;
+/// Consecutive linked pixels of a row that are no edges: columns `start..=end`.
+#[derive(Debug, Clone, Copy)]
+struct Run {
+    start: u32,
+    end: u32,
+    /// An earlier run of the same component, or itself.
+    parent: u32,
+    /// Pixels of the component (where it is its own parent), then its label.
+    count: u32,
+}
+
+/// Workspace: rows as bits, and their runs.
+#[derive(Debug, Default)]
+pub(crate) struct Runs {
+    /// Words per row.
+    words: usize,
+    /// Pixels that are no edges; unbroken links to the right and down.
+    open: Vec<u64>,
+    right: Vec<u64>,
+    down: Vec<u64>,
+    /// Labelled pixels.
+    held: Vec<u64>,
+    runs: Vec<Run>,
+    /// First run of every row, and their number.
+    rows: Vec<u32>,
+}
+
+impl Runs {
+    /// Packs `edge` and `links` into bits.
+    fn read(&mut self, frame: &Frame) {
+        self.words = frame.width.div_ceil(64);
+        for plane in [&mut self.open, &mut self.right, &mut self.down] {
+            plane.resize(self.words * frame.height, 0);
+        }
+        let band = BAND * self.words;
+        let planes =
+            (self.open.par_chunks_mut(band), self.right.par_chunks_mut(band), self.down.par_chunks_mut(band));
+        let (w, n) = (frame.width, BAND * frame.width);
+        (frame.edge.par_chunks(n), frame.links.par_chunks(n), planes).into_par_iter().for_each(
+            |(edge, links, (open, right, down))| {
+                wide(
+                    #[inline(always)]
+                    || {
+                        let rows = edge.chunks_exact(w).zip(links.chunks_exact(w));
+                        let bits = open.chunks_exact_mut(self.words).zip(right.chunks_exact_mut(self.words));
+                        for ((edge, links), ((open, right), down)) in
+                            rows.zip(bits.zip(down.chunks_exact_mut(self.words)))
+                        {
+                            pack(edge, 0, open, true);
+                            pack(links, RIGHT.trailing_zeros(), right, false);
+                            pack(links, DOWN.trailing_zeros(), down, false);
+                        }
+                    },
+                );
+            },
+        );
+    }
+
+    /// Lists the runs of every row and unites those that are linked downwards.
+    fn unite(&mut self) {
+        self.runs.clear();
+        self.rows.clear();
+        self.rows.push(0);
+        let n = self.words;
+        for y in 0..self.open.len() / n {
+            let row = y * n..(y + 1) * n;
+            let above = self.rows.len().saturating_sub(2);
+            let first = self.runs.len();
+            list(&self.open[row.clone()], &self.right[row], &mut self.runs);
+            self.rows.push(self.runs.len() as u32);
+            if y > 0 {
+                self.join(y, self.rows[above] as usize, first);
+            }
+        }
+    }
+
+    /// Unites the runs of row `y`, from number `b` on, with those of the row above, from `a` on.
+    fn join(&mut self, y: usize, mut a: usize, mut b: usize) {
+        let n = self.words;
+        // Whether the last pixel of the word before is joined down, and to its right in both rows.
+        let mut carry = 0;
+        for k in 0..n {
+            let (i, j) = (y * n + k, (y - 1) * n + k);
+            let open = self.open[i] & self.open[j];
+            let down = self.down[j] & open;
+            let ladder = down & self.right[i] & self.right[j];
+            // A pair whose left neighbours are joined alike, and to it, adds nothing.
+            let mut news = down & !(ladder << 1 | carry);
+            carry = ladder >> 63;
+            while news != 0 {
+                let x = (64 * k) as u32 + news.trailing_zeros();
+                news &= news - 1;
+                while self.runs[a].end < x {
+                    a += 1;
+                }
+                while self.runs[b].end < x {
+                    b += 1;
+                }
+                let (p, q) = (root(&mut self.runs, a as u32), root(&mut self.runs, b as u32));
+                self.runs[p.max(q) as usize].parent = p.min(q);
+            }
+        }
+    }
+
+    /// Numbers the components and writes `label` and `region_size`.
+    fn number(&mut self, frame: &mut Frame, min_pixels: u32) {
+        for i in 0..self.runs.len() {
+            let r = root(&mut self.runs, i as u32);
+            let Run { start, end, .. } = self.runs[i];
+            self.runs[i].parent = r;
+            self.runs[r as usize].count += end - start + 1;
+        }
+        let size = &mut frame.region_size;
+        size.clear();
+        size.push(0);
+        for i in 0..self.runs.len() {
+            let Run { parent, count, .. } = self.runs[i];
+            self.runs[i].count = if parent as usize != i {
+                self.runs[parent as usize].count
+            } else if count >= min_pixels {
+                size.push(count);
+                size.len() as u32 - 1
+            } else {
+                0
+            };
+        }
+        size[0] = frame.edge.len() as u32 - size[1..].iter().sum::<u32>();
+        let Self { runs, rows, .. } = self;
+        let band = BAND * frame.width;
+        frame.label.par_chunks_mut(band).enumerate().for_each(|(b, label)| {
+            label.fill(0);
+            for (y, label) in label.chunks_exact_mut(frame.width).enumerate() {
+                let y = b * BAND + y;
+                for run in &runs[rows[y] as usize..rows[y + 1] as usize] {
+                    if run.count != 0 {
+                        label[run.start as usize..=run.end as usize].fill(run.count);
+                    }
+                }
+            }
+        });
+    }
+
+    /// Queues the labelled pixels that are linked to one without a label, in raster order.
+    fn seed(&mut self, frame: &mut Frame) {
+        self.held.clear();
+        self.held.resize(self.open.len(), 0);
+        let n = self.words;
+        for (row, held) in self.rows.windows(2).zip(self.held.chunks_exact_mut(n)) {
+            for run in self.runs[row[0] as usize..row[1] as usize].iter().filter(|r| r.count != 0) {
+                set(held, run.start, run.end);
+            }
+        }
+        frame.queue.clear();
+        let (held, right, down) = (&self.held, &self.right, &self.down);
+        let last = held.len() - n;
+        for i in 0..held.len() {
+            let (column, own) = (i % n, held[i]);
+            let after = if column + 1 < n { held[i + 1] } else { 0 };
+            let before = if column > 0 { !held[i - 1] & right[i - 1] } else { 0 };
+            let bare_right = !(own >> 1 | after << 63) & right[i];
+            let bare_left = (!own & right[i]) << 1 | before >> 63;
+            let bare_down = if i < last { !held[i + n] & down[i] } else { 0 };
+            let bare_up = if i >= n { !held[i - n] & down[i - n] } else { 0 };
+            let mut seeds = own & (bare_right | bare_left | bare_down | bare_up);
+            while seeds != 0 {
+                let x = 64 * column + seeds.trailing_zeros() as usize;
+                seeds &= seeds - 1;
+                frame.queue.push((i / n * frame.width + x) as u32);
+            }
+        }
+    }
+}
+
+/// One bit (`shift`) of each byte as the bits of words, the first lowest; `invert` takes zeros for ones.
+#[inline(always)]
+fn pack(bytes: &[u8], shift: u32, words: &mut [u64], invert: bool) {
+    let low = 0x0101_0101_0101_0101u64;
+    let flip = if invert { low } else { 0 };
+    for (word, bytes) in words.iter_mut().zip(bytes.chunks(64)) {
+        *word = 0;
+        for (k, eight) in bytes.chunks(LANES).enumerate() {
+            let mut padded = [u8::from(invert) << shift; LANES];
+            padded[..eight.len()].copy_from_slice(eight);
+            let ones = (u64::from_le_bytes(padded) >> shift & low) ^ flip;
+            // The product gathers the eight lowest bits in the top byte.
+            *word |= (ones.wrapping_mul(0x0102_0408_1020_4080) >> 56) << (8 * k);
+        }
+    }
+}
+
+/// Appends the runs of a row.
+fn list(open: &[u64], right: &[u64], runs: &mut Vec<Run>) {
+    let mut carry = 0;
+    let mut last = runs.len();
+    for (k, &own) in open.iter().enumerate() {
+        let next = open.get(k + 1).map_or(0, |w| w << 63);
+        let joined = own & right[k] & (own >> 1 | next);
+        let (mut starts, mut ends) = (own & !(joined << 1 | carry), own & !joined);
+        carry = joined >> 63;
+        while starts != 0 {
+            let (start, i) = ((64 * k) as u32 + starts.trailing_zeros(), runs.len() as u32);
+            starts &= starts - 1;
+            runs.push(Run { start, end: start, parent: i, count: 0 });
+        }
+        while ends != 0 {
+            runs[last].end = (64 * k) as u32 + ends.trailing_zeros();
+            ends &= ends - 1;
+            last += 1;
+        }
+    }
+}
+
+/// Sets the bits `start..=end` of a row.
+fn set(row: &mut [u64], start: u32, end: u32) {
+    for (k, word) in row.iter_mut().enumerate().take(end as usize / 64 + 1).skip(start as usize / 64) {
+        let first = start.saturating_sub(64 * k as u32).min(63);
+        let last = (end - 64 * k as u32).min(63);
+        *word |= !0 << first & !0 >> (63 - last);
+    }
+}
+
+/// Root of run `i`, halving the path.
+fn root(runs: &mut [Run], mut i: u32) -> u32 {
+    while runs[i as usize].parent != i {
+        let up = runs[runs[i as usize].parent as usize].parent;
+        runs[i as usize].parent = up;
         i = up;
     }
     i
 }
 
-/// One raster pass: `parent` leads every non-edge pixel to the first pixel of its component.
-fn unite(frame: &mut Frame) {
-    let w = frame.width;
-    frame.parent.clear();
-    frame.parent.extend(0..(w * frame.height) as u32);
-    let (edge, links, parent) = (&frame.edge[..], &frame.links[..], &mut frame.parent[..]);
-    for y in 0..frame.height {
-        // Whether the pixel to the left is a linked non-edge pixel.
-        let mut left = false;
-        for i in y * w..(y + 1) * w {
-            let open = edge[i] == 0;
-            if open {
-                if left {
-                    parent[i] = parent[i - 1];
-                }
-                if y > 0 && edge[i - w] == 0 && links[i - w] & DOWN != 0 {
-                    let a = root(parent, parent[i]);
-                    let b = root(parent, parent[i - w]);
-                    parent[a.max(b) as usize] = a.min(b);
-                    parent[i] = a.min(b);
-                }
-            }
-            left = open && links[i] & RIGHT != 0;
-        }
-    }
-}
-
-fn number(frame: &mut Frame, min_pixels: u32) {
-    let n = frame.edge.len();
-    frame.queue.clear();
-    frame.queue.resize(n, 0);
-    for i in 0..n {
-        if frame.edge[i] == 0 {
-            let r = root(&mut frame.parent, i as u32);
-            frame.parent[i] = r;
-            frame.queue[r as usize] += 1;
-        }
-    }
-    frame.region_size.clear();
-    frame.region_size.push(0);
-    for i in 0..n {
-        let own = if frame.edge[i] != 0 || frame.queue[frame.parent[i] as usize] < min_pixels {
-            0
-        } else if frame.parent[i] as usize == i {
-            frame.region_size.push(0);
-            frame.region_size.len() as u32 - 1
-        } else {
-            frame.label[frame.parent[i] as usize]
-        };
-        frame.label[i] = own;
-        frame.region_size[own as usize] += 1;
-    }
-}
-
-/// Breadth-first growth; a pixel takes the label that reaches it first, ties in raster order.
+/// Breadth-first growth from the queue; a pixel takes the label that reaches it first, ties in raster order.
 fn grow(frame: &mut Frame) {
     let w = frame.width;
-    let n = w * frame.height;
-    frame.queue.clear();
     let (links, smooth) = (&frame.links[..], &frame.smooth[..]);
     let (label, size) = (&mut frame.label[..], &mut frame.region_size[..]);
-    // Seeds: labelled pixels next to a linked bare one.
-    for i in 0..n {
-        let own = label[i] != 0;
-        for (bit, step) in [(RIGHT, 1), (DOWN, w)] {
-            if links[i] & bit != 0 && (label[i + step] != 0) != own {
-                frame.queue.push(if own { i } else { i + step } as u32);
-            }
-        }
-    }
-    frame.queue.sort_unstable();
     let mut next = 0;
     while next < frame.queue.len() {
         let i = frame.queue[next] as usize;
@@ -172,7 +335,7 @@ mod tests {
     proptest! {
         #[test]
         fn components_equal_a_flood_fill(
-            w in 1usize..24, h in 1usize..24, min in 1u32..6, bits in prop::collection::vec(0u8..16, 576),
+            w in 1usize..200, h in 1usize..24, min in 1u32..6, bits in prop::collection::vec(0u8..16, 4800),
         ) {
             let n = w * h;
             let mut frame = Frame { width: w, height: h, ..Frame::default() };
@@ -185,10 +348,25 @@ mod tests {
                 .collect();
             frame.label = vec![0; n];
             frame.smooth = vec![1.0; n];
-            unite(&mut frame);
-            number(&mut frame, min);
+            let mut runs = Runs::default();
+            runs.read(&frame);
+            runs.unite();
+            runs.number(&mut frame, min);
             prop_assert_eq!(&frame.label, &flood(&frame, min));
             let before = frame.label.clone();
+            runs.seed(&mut frame);
+            let seeds: Vec<u32> = (0..n)
+                .filter(|&i| {
+                    let bare = |on: bool, j: usize| on && frame.label[j] == 0;
+                    frame.label[i] != 0
+                        && (bare(frame.links[i] & RIGHT != 0, i + 1)
+                            || bare(frame.links[i] & DOWN != 0, i + w)
+                            || i > 0 && bare(frame.links[i - 1] & RIGHT != 0, i - 1)
+                            || i >= w && bare(frame.links[i - w] & DOWN != 0, i - w))
+                })
+                .map(|i| i as u32)
+                .collect();
+            prop_assert_eq!(&frame.queue, &seeds);
             grow(&mut frame);
             let mut sizes = vec![0; frame.region_size.len()];
             for (i, &l) in frame.label.iter().enumerate() {

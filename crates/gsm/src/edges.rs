@@ -1,52 +1,166 @@
 //! Edges: concave creases and steps between the smoothed surfaces on the two sides of a pixel.
 
 use crate::Params;
-use crate::frame::{Frame, dot, sub};
-use crate::noise::Window;
+use crate::frame::{BAND, Frame, dot};
+use crate::lanes::{LANES, Lanes, load, same, some, wide};
+use rayon::prelude::*;
 
 /// Writes `edge`. A pixel is an edge when it has no normal, when a link to one of its four neighbours is broken,
 /// or when the points on both sides of it, along row or column at the window's reach, form a concave crease
 /// (`(N₂ − N₁)·(P₂ − P₁) < 0`, after Stein et al. 2014) or a step.
 pub(crate) fn edges(frame: &mut Frame, params: &Params) {
-    let (w, h) = (frame.width, frame.height);
-    let crease = params.concave_angle.cos();
     let mut edge = std::mem::take(&mut frame.edge);
-    for y in 0..h {
-        for x in 0..w {
-            let i = y * w + x;
-            let [l, r, u, d] = frame.arms[i];
-            if l.min(r).min(u).min(d) == 0 || frame.smooth[i] == 0.0 {
-                edge[i] = 1;
-                continue;
-            }
-            let Window { reach, smooth, .. } = frame.noise.window(frame.z[i], frame.gain[i]);
-            let k = l.min(r).min(reach) as usize;
-            let m = u.min(d).min(reach) as usize;
-            let step = params.step_sigmas * smooth;
-            let hit = creased(frame, crease, step, [i - k, i + k], [x - k, x + k], [y, y])
-                || creased(frame, crease, step, [i - m * w, i + m * w], [x, x], [y - m, y + m]);
-            edge[i] = u8::from(hit);
-        }
-    }
+    let test = Test { frame, crease: params.concave_angle.cos(), steps: params.step_sigmas };
+    let w = frame.width;
+    edge.par_chunks_mut(BAND * w).enumerate().for_each(|(b, edge)| {
+        wide(
+            #[inline(always)]
+            || {
+                for (y, edge) in edge.chunks_exact_mut(w).enumerate() {
+                    test.row(b * BAND + y, edge);
+                }
+            },
+        );
+    });
     frame.edge = edge;
 }
 
-/// Whether the surface bends inwards or steps between two pixels, given by index, column and row.
+/// Normal (three), depth and ray (two) of eight pixels on either side.
+type Sides = [[Lanes; 6]; 2];
+
+struct Test<'a> {
+    frame: &'a Frame,
+    /// Cosine of the angle of a crease.
+    crease: f32,
+    /// Sigmas of a step.
+    steps: f32,
+}
+
+impl Test<'_> {
+    #[inline(always)]
+    fn row(&self, y: usize, edge: &mut [u8]) {
+        let w = edge.len();
+        let row = y * w;
+        let (mut along, mut across);
+        for (x, edge) in edge.chunks_mut(LANES).enumerate().map(|(c, e)| (c * LANES, e)) {
+            (along, across) = ([0; LANES], [0; LANES]);
+            self.reach(row + x, &mut along[..edge.len()], &mut across[..edge.len()]);
+            let (k, m) = (u64::from_le_bytes(along), u64::from_le_bytes(across));
+            // A pixel of a broken link is an edge, whatever the others do.
+            let care = some(k) & some(m);
+            if care == 0 {
+                edge.fill(1);
+                continue;
+            }
+            let (place, i) = ([x, y], row + x);
+            let mut hit;
+            match (same(k, care), same(m, care)) {
+                (Some(k), Some(m)) if edge.len() == LANES && x >= k => {
+                    hit = self.creased(&self.beside(place, k), i);
+                    or(&mut hit, self.creased(&self.above(place, m), i));
+                }
+                _ => {
+                    let sides = self.gather(place, along, across);
+                    hit = self.creased(&sides[0], i);
+                    or(&mut hit, self.creased(&sides[1], i));
+                }
+            }
+            let own = load(&self.frame.smooth, row + x);
+            for (j, e) in edge.iter_mut().enumerate() {
+                *e = u8::from((along[j] == 0) | (across[j] == 0) | (own[j] == 0.0)) | hit[j] as u8;
+            }
+        }
+    }
+
+    /// The distances at which the sides of the pixels from `i` on are compared along row and column; 0 where a link
+    /// is broken.
+    #[inline(always)]
+    fn reach(&self, i: usize, along: &mut [u8], across: &mut [u8]) {
+        let n = i..i + along.len();
+        let [l, r, u, d] = &self.frame.arms;
+        let (l, r, u, d) = (&l[n.clone()], &r[n.clone()], &u[n.clone()], &d[n.clone()]);
+        let reach = &self.frame.reach[n];
+        for (j, (along, across)) in along.iter_mut().zip(across).enumerate() {
+            let (a, b) = (l[j].min(r[j]), u[j].min(d[j]));
+            let open = if a.min(b) == 0 { 0 } else { reach[j] };
+            (*along, *across) = (a.min(open), b.min(open));
+        }
+    }
+
+    /// What lies `k` columns to both sides of eight pixels.
+    #[inline(always)]
+    fn beside(&self, [x, y]: [usize; 2], k: usize) -> Sides {
+        let f = self.frame;
+        let ray_y = [f.ray_y[y]; LANES];
+        let (a, b) = (load(&f.ray_x, x - k), load(&f.ray_x, x + k));
+        let i = y * f.width + x;
+        [self.side(i - k, a, ray_y), self.side(i + k, b, ray_y)]
+    }
+
+    /// What lies `m` rows above and below eight pixels.
+    #[inline(always)]
+    fn above(&self, [x, y]: [usize; 2], m: usize) -> Sides {
+        let f = self.frame;
+        let ray_x = load(&f.ray_x, x);
+        let (i, step) = (y * f.width + x, m * f.width);
+        let (a, b) = ([f.ray_y[y - m]; LANES], [f.ray_y[y + m]; LANES]);
+        [self.side(i - step, ray_x, a), self.side(i + step, ray_x, b)]
+    }
+
+    #[inline(always)]
+    fn side(&self, i: usize, ray_x: Lanes, ray_y: Lanes) -> [Lanes; 6] {
+        let [nx, ny, nz] = &self.frame.normal;
+        [load(nx, i), load(ny, i), load(nz, i), load(&self.frame.smooth, i), ray_x, ray_y]
+    }
+
+    /// Both for eight pixels of different distances.
+    #[inline(always)]
+    fn gather(&self, [x, y]: [usize; 2], along: [u8; LANES], across: [u8; LANES]) -> [Sides; 2] {
+        let f = self.frame;
+        let mut sides = [[[[0.0; LANES]; 6]; 2]; 2];
+        let lanes = LANES.min(f.width - x);
+        for j in 0..lanes {
+            let (k, m, x) = (along[j] as usize, across[j] as usize, x + j);
+            let i = y * f.width + x;
+            self.put(&mut sides[0][0], j, i - k, x - k, y);
+            self.put(&mut sides[0][1], j, i + k, x + k, y);
+            self.put(&mut sides[1][0], j, i - m * f.width, x, y - m);
+            self.put(&mut sides[1][1], j, i + m * f.width, x, y + m);
+        }
+        sides
+    }
+
+    #[inline(always)]
+    fn put(&self, side: &mut [Lanes; 6], j: usize, i: usize, x: usize, y: usize) {
+        let [nx, ny, nz] = self.frame.normal(i);
+        (side[0][j], side[1][j], side[2][j]) = (nx, ny, nz);
+        (side[3][j], side[4][j], side[5][j]) = (self.frame.smooth[i], self.frame.ray_x[x], self.frame.ray_y[y]);
+    }
+
+    /// Whether the surface bends inwards or steps (1) between the two sides of each of the pixels from `i` on.
+    #[inline(always)]
+    fn creased(&self, [a, b]: &Sides, i: usize) -> [u32; LANES] {
+        let tight = load(&self.frame.tight, i);
+        let mut hit = [0; LANES];
+        for j in 0..LANES {
+            let (n1, n2) = ([a[0][j], a[1][j], a[2][j]], [b[0][j], b[1][j], b[2][j]]);
+            let (z1, z2) = (a[3][j], b[3][j]);
+            let across = [z2 * b[4][j] - z1 * a[4][j], z2 * b[5][j] - z1 * a[5][j], z2 - z1];
+            let bent = dot(n1, n2) < self.crease;
+            let inwards = dot([n2[0] - n1[0], n2[1] - n1[1], n2[2] - n1[2]], across) < 0.0;
+            let mean = [n1[0] + n2[0], n1[1] + n2[1], n1[2] + n2[2]];
+            // height > step + |across| / 20, without the root.
+            let excess = 0.5 * dot(mean, across).abs() - self.steps * tight[j];
+            let stepped = (excess > 0.0) & (400.0 * excess * excess > dot(across, across));
+            hit[j] = u32::from((z1 != 0.0) & (z2 != 0.0) & ((bent & inwards) | (!bent & stepped)));
+        }
+        hit
+    }
+}
+
 #[inline(always)]
-fn creased(frame: &Frame, crease: f32, step: f32, i: [usize; 2], x: [usize; 2], y: [usize; 2]) -> bool {
-    let [n1, n2] = i.map(|i| frame.normal[i]);
-    let [z1, z2] = i.map(|i| frame.smooth[i]);
-    if z1 == 0.0 || z2 == 0.0 {
-        return false;
+fn or(a: &mut [u32; LANES], b: [u32; LANES]) {
+    for j in 0..LANES {
+        a[j] |= b[j];
     }
-    let point = |z: f32, k: usize| [z * frame.ray_x[x[k]], z * frame.ray_y[y[k]], z];
-    let across = sub(point(z2, 1), point(z1, 0));
-    if dot(n1, n2) < crease {
-        return dot(sub(n2, n1), across) < 0.0;
-    }
-    let mean = [n1[0] + n2[0], n1[1] + n2[1], n1[2] + n2[2]];
-    let height = 0.5 * dot(mean, across).abs();
-    // height > step + |across| / 20, without the root.
-    let excess = height - step;
-    excess > 0.0 && 400.0 * excess * excess > dot(across, across)
 }

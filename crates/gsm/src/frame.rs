@@ -1,5 +1,6 @@
 //! The maps of one frame at working resolution, reused from frame to frame.
 
+use crate::components::Runs;
 use crate::noise::NoiseTable;
 use crate::predict::Prediction;
 use crate::{DepthView, Intrinsics, Params, Stage};
@@ -8,6 +9,9 @@ use crate::{DepthView, Intrinsics, Params, Stage};
 pub(crate) const RIGHT: u8 = 1;
 /// Link of a pixel to the one below is unbroken.
 pub(crate) const DOWN: u8 = 2;
+
+/// Rows per band: bands are worked in parallel, and prefix sums start anew in each, whatever the number of threads.
+pub(crate) const BAND: usize = 32;
 
 /// Everything the kernels know about the current frame; images are row-major, camera frame, metres.
 #[derive(Debug, Default)]
@@ -25,8 +29,6 @@ pub(crate) struct Frame {
     /// Inverse length of each pixel's ray.
     pub(crate) ray_scale: Vec<f32>,
     pub(crate) noise: NoiseTable,
-    /// Prefix sums of a band of rows.
-    pub(crate) prefix: Vec<[f32; 4]>,
     /// Block-averaged depth, 0 = invalid.
     pub(crate) z: Vec<f32>,
     /// Its inverse (linear over the image on a plane), steadied by prediction, 0 = invalid.
@@ -37,14 +39,18 @@ pub(crate) struct Frame {
     pub(crate) slack: Vec<f32>,
     /// [`RIGHT`] and [`DOWN`] bits.
     pub(crate) links: Vec<u8>,
+    /// Radius of the window, its reach, and sigma after smoothing.
+    pub(crate) radius: Vec<u8>,
+    pub(crate) reach: Vec<u8>,
+    pub(crate) tight: Vec<f32>,
     /// Unbroken reach left, right, up, down within the window, pixels.
-    pub(crate) arms: Vec<[u8; 4]>,
+    pub(crate) arms: [Vec<u8>; 4],
     /// Row fit: value and slope of inverse depth, and 1 where the slope is valid.
-    pub(crate) row_fit: Vec<[f32; 3]>,
+    pub(crate) row_fit: [Vec<f32>; 3],
     /// Depth of the plane fitted around the pixel, 0 where there is no normal.
     pub(crate) smooth: Vec<f32>,
     /// Unit normal towards the camera, zero = none.
-    pub(crate) normal: Vec<[f32; 3]>,
+    pub(crate) normal: [Vec<f32>; 3],
     /// Cosine between normal and viewing ray.
     pub(crate) cos: Vec<f32>,
     /// 1 = crease, step or image edge: no seed of a region.
@@ -54,7 +60,7 @@ pub(crate) struct Frame {
     /// Pixels per region; entry 0 counts the unlabelled ones.
     pub(crate) region_size: Vec<u32>,
     pub(crate) valid: usize,
-    pub(crate) parent: Vec<u32>,
+    pub(crate) runs: Runs,
     pub(crate) queue: Vec<u32>,
 }
 
@@ -75,15 +81,15 @@ impl Frame {
         }
     }
 
-    /// Runs the image kernels: links, normals, edges, regions.
-    pub(crate) fn segment(&mut self, params: &Params, done: &mut impl FnMut(Stage)) {
+    /// Runs the image kernels: links, normals, edges, regions; `pitch` is the side of a sample in pixels.
+    pub(crate) fn segment(&mut self, params: &Params, pitch: usize, done: &mut impl FnMut(Stage)) {
         crate::links::links(self);
         done(Stage::Links);
         crate::normals::normals(self);
         done(Stage::Normals);
         crate::edges::edges(self, params);
         done(Stage::Edges);
-        crate::components::regions(self, params);
+        crate::components::regions(self, params.min_region_pixels.saturating_mul((pitch * pitch) as u32));
         done(Stage::Regions);
     }
 
@@ -112,10 +118,13 @@ impl Frame {
         self.gain = vec![1.0; n];
         self.slack = vec![0.0; n];
         self.links = vec![0; n];
-        self.arms = vec![[0; 4]; n];
-        self.row_fit = vec![[0.0; 3]; n];
+        self.radius = vec![0; n];
+        self.reach = vec![0; n];
+        self.tight = vec![0.0; n];
+        self.arms = std::array::from_fn(|_| vec![0; n]);
+        self.row_fit = std::array::from_fn(|_| vec![0.0; n]);
         self.smooth = vec![0.0; n];
-        self.normal = vec![[0.0; 3]; n];
+        self.normal = std::array::from_fn(|_| vec![0.0; n]);
         self.cos = vec![0.0; n];
         self.edge = vec![1; n];
         self.label = vec![0; n];
@@ -123,22 +132,22 @@ impl Frame {
         (self.camera, self.source) = (Some(camera), Some(*source));
     }
 
-    /// The smoothed point of a pixel.
-    #[inline]
-    pub(crate) fn point(&self, x: usize, y: usize) -> [f32; 3] {
-        let z = self.smooth[y * self.width + x];
-        [z * self.ray_x[x], z * self.ray_y[y], z]
+    /// Unit normal of a pixel, zero = none.
+    #[inline(always)]
+    pub(crate) fn normal(&self, i: usize) -> [f32; 3] {
+        [self.normal[0][i], self.normal[1][i], self.normal[2][i]]
     }
+
 }
 
 /// Scalar product.
-#[inline]
+#[inline(always)]
 pub(crate) fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
 /// Difference `a − b`.
-#[inline]
+#[inline(always)]
 pub(crate) fn sub(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
     [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
 }

@@ -1,11 +1,12 @@
 //! The map and its frame loop.
 
-use crate::associate::{Association, Pose, timed_out};
+use crate::associate::{Association, Pose};
 use crate::bricks::Bricks;
 use crate::event::{Counts, FrameReport, SegmentId, Skip};
 use crate::frame::Frame;
 use crate::merge::Merges;
 use crate::predict::Prediction;
+use crate::samples::Samples;
 use crate::segment::{Segment, Surfel};
 use crate::segments::Segments;
 use crate::split::Splits;
@@ -36,6 +37,8 @@ pub enum Stage {
     Edges,
     /// Regions.
     Regions,
+    /// Samples.
+    Samples,
     /// Projective association.
     Associate,
     /// Votes.
@@ -51,6 +54,7 @@ pub enum Stage {
 pub struct Map {
     params: Params,
     frame: Frame,
+    samples: Samples,
     pub(crate) store: Store,
     prediction: Prediction,
     association: Association,
@@ -75,6 +79,7 @@ impl Map {
         Ok(Self {
             params,
             frame: Frame::default(),
+            samples: Samples::default(),
             store: Store { surfels: Surfels::default(), bricks, segments: Segments::default() },
             prediction: Prediction::default(),
             association: Association::default(),
@@ -101,6 +106,9 @@ impl Map {
             return report;
         }
         self.frame.shrink(view, &self.params);
+        if let Some(camera) = &self.frame.camera {
+            self.samples.fit(camera, &self.params);
+        }
         done(Stage::Shrink);
         if self.frame.valid < 10 {
             report.skipped = Some(Skip::NoDepth);
@@ -111,7 +119,7 @@ impl Map {
         let (counts, events) = (&mut report.counts, &mut report.events);
 
         // What the map expects to see.
-        let step = Step { frame: &self.frame, pose: &pose, params: &self.params, now: self.now };
+        let step = Step { frame: &self.frame, samples: &self.samples, pose: &pose, params: &self.params, now: self.now };
         counts.refused += visibility::look(step, &mut self.store.bricks, &mut self.visible);
         done(Stage::Look);
         if self.params.noise.is_independent() {
@@ -121,10 +129,12 @@ impl Map {
         done(Stage::Predict);
 
         // The image: one region per smooth surface.
-        self.frame.segment(&self.params, &mut done);
+        self.frame.segment(&self.params, self.samples.pitch, &mut done);
+        self.samples.take(&self.frame, &self.params);
+        done(Stage::Samples);
 
         // The map as the frame sees it.
-        let step = Step { frame: &self.frame, pose: &pose, params: &self.params, now: self.now };
+        let step = Step { frame: &self.frame, samples: &self.samples, pose: &pose, params: &self.params, now: self.now };
         let (association, votes, store) = (&mut self.association, &mut self.votes, &mut self.store);
         association.run(step, &self.visible, store, counts);
         done(Stage::Associate);
@@ -135,7 +145,7 @@ impl Map {
         done(Stage::Vote);
 
         // The map learns the frame.
-        fuse::fuse(step, association, votes, store);
+        fuse::label(step, association, votes, store);
         fuse::create(step, association, votes, store, counts);
         done(Stage::Fuse);
         self.merges.run(step, votes, store, events);
@@ -222,15 +232,15 @@ impl Map {
 
     /// The live surfels in the order in which they are stored, which depends on the history alone.
     pub fn surfels(&self) -> impl Iterator<Item = Surfel> + '_ {
-        (0..self.store.surfels.hot.len()).filter(|&i| self.store.surfels.is_live(i)).map(|i| {
-            let (hot, cold) = (&self.store.surfels.hot[i], &self.store.surfels.cold[i]);
+        (0..self.store.surfels.entries()).filter(|&i| self.store.surfels.is_live(i)).map(|i| {
+            let hot = self.store.surfels.hot(i);
             Surfel {
                 position: Point3::from(hot.position),
                 normal: Vector3::from(hot.normal),
                 radius: hot.radius,
-                confidence: cold.confidence,
+                confidence: self.store.surfels.confidence(i),
                 segment: (hot.segment != 0).then(|| self.store.segments.id(hot.segment - 1)),
-                stable: cold.stable,
+                stable: self.store.surfels.is_stable(i),
             }
         })
     }
@@ -253,7 +263,7 @@ fn expire(step: Step<'_>, store: &mut Store, sweep: &mut usize) -> u32 {
     for _ in 0..SWEEP.min(n) {
         *sweep = (*sweep + 1) % n;
         if !store.bricks.list[*sweep].blocks.is_empty() {
-            expired += store.weed(*sweep, |s, id| timed_out(&s.cold[id as usize], step));
+            expired += store.weed(*sweep, step);
         }
     }
     expired

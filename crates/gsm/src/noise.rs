@@ -1,5 +1,7 @@
 //! Sensor model: every tolerance of the crate is a multiple of `sigma`.
 
+use crate::lanes::whole;
+
 /// The kind of depth sensor.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Profile {
@@ -75,7 +77,7 @@ pub(crate) struct Row {
     /// Wanted side of the window, pixels.
     side: f32,
     /// Window of a pixel without prediction.
-    window: Window,
+    pub(crate) window: Window,
 }
 
 /// The window over which a pixel's plane is fitted.
@@ -130,8 +132,21 @@ impl NoiseTable {
     /// The row of a depth; the last one beyond the table.
     #[inline]
     pub(crate) fn row(&self, z: f32) -> Row {
-        // The cast saturates; `fit` fills the table before any kernel runs.
-        self.rows[((z * 100.0) as usize).min(self.rows.len() - 1)]
+        // The cast saturates.
+        self.at((z * 100.0) as u32)
+    }
+
+    /// Number of the row of a depth from 0 to 10 km.
+    #[inline(always)]
+    pub(crate) fn bin(z: f32) -> u32 {
+        whole(z * 100.0)
+    }
+
+    /// A row by its number; the last one beyond the table.
+    #[inline(always)]
+    pub(crate) fn at(&self, bin: u32) -> Row {
+        // `fit` fills the table before any kernel runs.
+        self.rows[(bin as usize).min(self.rows.len() - 1)]
     }
 
     #[inline]

@@ -10,6 +10,9 @@ pub struct Params {
     /// The image is halved until it has at most so many pixels (default 40 000: 640×480 is worked at 160×120,
     /// 224×172 natively).
     pub max_pixels: u32,
+    /// The map learns one measurement per pixel, or per block of 2×2, 4×4, ... pixels while they are more than this
+    /// (default 40 000): a surfel stands for a block.
+    pub max_samples: u32,
     /// Depth nearer than this is invalid, metres (default 0.3).
     pub min_depth: f32,
     /// Depth beyond this is invalid, metres (default 5).
@@ -20,7 +23,7 @@ pub struct Params {
     pub concave_angle: f32,
     /// A step of more than this many sigmas between smoothed neighbours is an edge (default 5).
     pub step_sigmas: f32,
-    /// A frame region of fewer working pixels is not a region (default 16).
+    /// A frame region of fewer samples is not a region (default 16).
     pub min_region_pixels: u32,
     /// A point belongs to a surfel within this many sigmas along the normal (default 3).
     pub gate_sigmas: f32,
@@ -57,6 +60,7 @@ impl Default for Params {
         Self {
             noise: NoiseModel::default(),
             max_pixels: 40_000,
+            max_samples: 40_000,
             min_depth: 0.3,
             max_depth: 5.0,
             normal_error: 0.07,
@@ -113,6 +117,7 @@ impl Params {
         }
         let count = [
             ("max_pixels", self.max_pixels),
+            ("max_samples", self.max_samples),
             ("min_region_pixels", self.min_region_pixels),
             ("stable_sightings", self.stable_sightings),
             ("unstable_frames", self.unstable_frames),

@@ -5,6 +5,7 @@
 
 use crate::frame::dot;
 use crate::store::{Step, Store};
+use crate::project::{Lens, Seen, bits};
 use crate::surfels::BLOCK;
 
 /// Standard deviation of a pose, as part of the gate's allowance for it.
@@ -22,50 +23,60 @@ impl Prediction {
     /// Gathers the surfels that the frame sees again. Each predicts the depth `d` at which the ray of its pixel meets
     /// its plane, with weight `σ² / (σ_pose² + σ² / c)` for `c` sightings.
     pub(crate) fn gather(&mut self, step: Step<'_>, visible: &[u32], store: &Store) {
-        let Step { frame, pose, params, .. } = step;
+        let Step { frame, samples, pose, params, .. } = step;
         self.sums.clear();
         self.sums.resize(frame.z.len(), [0.0; 2]);
         let Some(camera) = frame.camera else { return };
-        let (cx, cy) = (camera.cx() + 0.5, camera.cy() + 0.5);
-        let (width, height) = (frame.width as f32, frame.height as f32);
+        let lens = Lens::new(&camera, pose, params);
         let pose_variance = (POSE * params.pose_error).powi(2);
-        for block in visible.iter().flat_map(|&b| &store.bricks.list[b as usize].blocks) {
+        let Store { surfels, bricks, .. } = store;
+        // A surfel predicts all pixels of its block.
+        let (before, after) = ((samples.pitch - 1) / 2, samples.pitch / 2);
+        for block in visible.iter().flat_map(|&b| &bricks.list[b as usize].blocks) {
             let first = block.first as usize;
-            for (k, hot) in store.surfels.hot[first..first + BLOCK].iter().enumerate() {
-                if hot.radius <= 0.0 {
-                    continue;
-                }
-                let p = pose.view(hot.position);
-                if p[2] < params.min_depth {
-                    continue;
-                }
-                let inverse = 1.0 / p[2];
-                let (u, v) = (camera.fx() * p[0] * inverse + cx, camera.fy() * p[1] * inverse + cy);
-                if !(u >= 0.0 && v >= 0.0 && u < width && v < height) {
-                    continue;
-                }
-                let (x, y) = (u as usize, v as usize);
-                let i = y * frame.width + x;
-                let z = frame.z[i];
-                let sigma = frame.noise.row(z).sigma;
-                let tolerance = params.gate_sigmas * sigma + params.pose_error;
-                if z == 0.0 || (p[2] - z).abs() > 4.0 * tolerance {
-                    continue;
-                }
-                let n = pose.unturn(hot.normal);
-                let facing = dot(n, [frame.ray_x[x], frame.ray_y[y], 1.0]);
-                if facing > -FACING {
-                    continue;
-                }
-                let off = dot(n, p) / facing - z;
-                if off.abs() * -facing <= tolerance {
-                    let variance = sigma * sigma;
-                    let weight =
-                        variance / (pose_variance + variance / store.surfels.cold[first + k].confidence);
-                    self.sums[i][0] += weight;
-                    self.sums[i][1] += weight * off;
+            let seen = lens.project(&surfels.hot[first / BLOCK]);
+            for k in bits(seen.inside) {
+                let confidence = surfels.hot[first / BLOCK].confidence[k];
+                let (x, y) = (seen.x[k] as usize, seen.y[k] as usize);
+                for y in y.saturating_sub(before)..(y + after + 1).min(frame.height) {
+                    for x in x.saturating_sub(before)..(x + after + 1).min(frame.width) {
+                        self.add(step, &seen, k, confidence, [x, y], pose_variance);
+                    }
                 }
             }
+        }
+    }
+
+    /// Adds what a surfel predicts for a pixel, if they agree.
+    #[inline]
+    fn add(
+        &mut self,
+        Step { frame, params, .. }: Step<'_>,
+        seen: &Seen,
+        k: usize,
+        confidence: f32,
+        [x, y]: [usize; 2],
+        pose_variance: f32,
+    ) {
+        let p = seen.point(k);
+        let i = y * frame.width + x;
+        let z = frame.z[i];
+        let sigma = frame.noise.row(z).sigma;
+        let tolerance = params.gate_sigmas * sigma + params.pose_error;
+        if z == 0.0 || (p[2] - z).abs() > 4.0 * tolerance {
+            return;
+        }
+        let n = seen.normal(k);
+        let facing = dot(n, [frame.ray_x[x], frame.ray_y[y], 1.0]);
+        if facing > -FACING {
+            return;
+        }
+        let off = dot(n, p) / facing - z;
+        if off.abs() * -facing <= tolerance {
+            let variance = sigma * sigma;
+            let weight = variance / (pose_variance + variance / confidence);
+            self.sums[i][0] += weight;
+            self.sums[i][1] += weight * off;
         }
     }
 

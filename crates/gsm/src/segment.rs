@@ -94,15 +94,14 @@ impl Segment<'_> {
 
     /// Area of the surfels' discs, m²; an estimate that counts overlapping discs twice.
     pub fn area(&self) -> f32 {
-        let hot = &self.map.store.surfels.hot;
-        self.stable().map(|id| 2.0 * hot[id].radius * hot[id].radius).sum()
+        self.stable().map(|id| 2.0 * self.map.store.surfels.radius(id).powi(2)).sum()
     }
 
     /// Box between the 0.5 % and 99.5 % quantiles of the surfels along each world axis; `None` when empty.
     pub fn aabb(&self) -> Option<Aabb> {
         let mut axes = [const { Vec::new() }; 3];
         for id in self.stable() {
-            for (axis, v) in axes.iter_mut().zip(self.map.store.surfels.hot[id].position) {
+            for (axis, v) in axes.iter_mut().zip(self.map.store.surfels.position(id)) {
                 axis.push(v);
             }
         }
@@ -129,7 +128,7 @@ impl Segment<'_> {
         for id in self.stable() {
             // Member `passed` is taken when it crosses the next multiple of all / n.
             if taken < n && passed * n >= taken * all {
-                let hot = &self.map.store.surfels.hot[id];
+                let hot = self.map.store.surfels.hot(id);
                 points.push((Point3::from(hot.position), Vector3::from(hot.normal)));
                 taken += 1;
             }
@@ -138,8 +137,8 @@ impl Segment<'_> {
         points
     }
 
-    fn stable(&self) -> impl Iterator<Item = usize> + '_ {
-        let cold = &self.map.store.surfels.cold;
-        self.record.members.iter().map(|&id| id as usize).filter(move |&id| cold[id].stable)
+    fn stable(&self) -> impl Iterator<Item = u32> + '_ {
+        let surfels = &self.map.store.surfels;
+        self.record.members.iter().copied().filter(|&id| surfels.is_stable(id))
     }
 }

@@ -80,11 +80,11 @@ impl Segments {
 
     /// Gives a surfel its segment (slot + 1; 0 = none), moving it out of the old one.
     pub(crate) fn relabel(&mut self, surfels: &mut Surfels, id: u32, segment: u32) {
-        let old = std::mem::replace(&mut surfels.hot[id as usize].segment, segment);
+        let old = std::mem::replace(surfels.segment_mut(id), segment);
         if old != 0 {
             let record = &mut self.slots[old as usize - 1];
-            let Cold { counted, stable, place, .. } = surfels.cold[id as usize];
-            if stable {
+            let Cold { counted, place, .. } = surfels.cold[id as usize];
+            if surfels.is_stable(id) {
                 record.moments.remove(counted);
             }
             record.members.swap_remove(place as usize);
@@ -94,13 +94,14 @@ impl Segments {
             self.touched.push(old - 1);
         }
         if segment != 0 {
-            let counted = self.counted(surfels.hot[id as usize].position);
+            let counted = self.counted(surfels.position(id));
             let record = &mut self.slots[segment as usize - 1];
+            let stable = surfels.is_stable(id);
             let cold = &mut surfels.cold[id as usize];
             cold.place = record.members.len() as u32;
             cold.counted = counted;
             record.members.push(id);
-            if cold.stable {
+            if stable {
                 record.moments.add(counted);
             }
             self.touched.push(segment - 1);
@@ -109,33 +110,33 @@ impl Segments {
 
     /// Counts a surfel that has just become stable in its segment's moments.
     pub(crate) fn ripen(&mut self, surfels: &mut Surfels, id: u32) {
-        let hot = surfels.hot[id as usize];
-        if hot.segment != 0 {
-            let counted = self.counted(hot.position);
+        let segment = surfels.segment(id);
+        if segment != 0 {
+            let counted = self.counted(surfels.position(id));
             surfels.cold[id as usize].counted = counted;
-            self.slots[hot.segment as usize - 1].moments.add(counted);
-            self.touched.push(hot.segment - 1);
+            self.slots[segment as usize - 1].moments.add(counted);
+            self.touched.push(segment - 1);
         }
     }
 
     /// Brings the moments up to a stable surfel's position once it has moved by more than 1 mm.
     pub(crate) fn follow(&mut self, surfels: &mut Surfels, id: u32) {
-        let hot = surfels.hot[id as usize];
-        let cold = &mut surfels.cold[id as usize];
-        if hot.segment == 0 || !cold.stable {
+        let (segment, position) = (surfels.segment(id), surfels.position(id));
+        if segment == 0 || !surfels.is_stable(id) {
             return;
         }
+        let cold = &mut surfels.cold[id as usize];
         // Well below 1 mm, without the exact coordinates.
         let near = |k: usize| {
-            (hot.position[k] - self.origin[k] - cold.counted[k] as f32 * UNIT as f32).abs() < 8e-4
+            (position[k] - self.origin[k] - cold.counted[k] as f32 * UNIT as f32).abs() < 8e-4
                 && cold.counted[k].unsigned_abs() < 100_000
         };
         if near(0) && near(1) && near(2) {
             return;
         }
-        let now = self.counted(hot.position);
+        let now = self.counted(position);
         if now.iter().zip(cold.counted).any(|(a, b)| a.abs_diff(b) > 10) {
-            let record = &mut self.slots[hot.segment as usize - 1];
+            let record = &mut self.slots[segment as usize - 1];
             record.moments.remove(cold.counted);
             record.moments.add(now);
             cold.counted = now;
@@ -147,7 +148,7 @@ impl Segments {
         let moving = std::mem::take(&mut self.slots[from as usize].members);
         self.slots[into as usize].members.reserve(moving.len());
         for id in moving {
-            surfels.hot[id as usize].segment = 0;
+            *surfels.segment_mut(id) = 0;
             self.relabel(surfels, id, into + 1);
         }
         self.close(from);

@@ -1,10 +1,13 @@
 //! Depth at working resolution: the mean of the block's pixels that lie on the surface of its centre.
 
-use crate::frame::Frame;
+use crate::frame::{BAND, Frame};
+use crate::lanes::wide;
+use crate::noise::NoiseTable;
 use crate::{DepthView, Params};
+use rayon::prelude::*;
 
-/// Writes `z` and `inverse`. A block takes the depth of a centre pixel and averages what lies within
-/// three sigmas and a 60 degree slope of it, so that foreground and background never mix.
+/// Writes `z`, `inverse`, `slack` and the windows without prediction. A block takes the depth of a centre pixel and
+/// averages what lies within three sigmas and a 60 degree slope of it, so that foreground and background never mix.
 pub(crate) fn shrink(frame: &mut Frame, view: &DepthView<'_>, params: &Params) {
     match frame.factor {
         1 => shrink_by::<1>(frame, view, params),
@@ -17,52 +20,157 @@ pub(crate) fn shrink(frame: &mut Frame, view: &DepthView<'_>, params: &Params) {
 }
 
 fn shrink_by<const K: usize>(frame: &mut Frame, view: &DepthView<'_>, params: &Params) {
-    let (w, stride) = (frame.width, view.intrinsics.width() as usize);
-    let (low, high) = (params.min_depth, params.max_depth);
-    let keep = |d: f32| if d >= low && d <= high { d } else { 0.0 };
-    let mut valid = 0;
-    for y in 0..frame.height {
-        let rows: [&[f32]; K] = std::array::from_fn(|r| {
-            // An image smaller than a block repeats its last row.
-            let row = (y * K + r).min(view.intrinsics.height() as usize - 1);
-            &view.depth[row * stride..(row + 1) * stride]
-        });
-        for x in 0..w {
-            let z = if K == 1 { keep(rows[0][x]) } else { block_mean(&rows, x * K, keep, frame) };
-            let i = y * w + x;
-            frame.z[i] = z;
-            let inverse = if z > 0.0 { 1.0 / z } else { 0.0 };
-            frame.inverse[i] = inverse;
-            frame.slack[i] = frame.noise.sigma(z) * inverse * inverse;
-            valid += usize::from(z > 0.0);
-        }
-    }
-    frame.valid = valid;
+    let Frame { width, noise, z, inverse, slack, radius, reach, tight, spacing, .. } = frame;
+    let (w, band) = (*width, BAND * *width);
+    let source = Source {
+        depth: view.depth,
+        stride: view.intrinsics.width() as usize,
+        rows: view.intrinsics.height() as usize,
+        low: params.min_depth,
+        high: params.max_depth,
+        noise,
+        slope: 0.9 * *spacing,
+    };
+    let output = (z.par_chunks_mut(band), inverse.par_chunks_mut(band), slack.par_chunks_mut(band));
+    let windows = (radius.par_chunks_mut(band), reach.par_chunks_mut(band), tight.par_chunks_mut(band));
+    frame.valid = (output, windows)
+        .into_par_iter()
+        .enumerate()
+        .map(|(b, ((z, inverse, slack), (radius, reach, tight)))| {
+            let mut scratch = Scratch::new::<K>(w);
+            let mut valid = 0;
+            for at in (0..z.len()).step_by(w) {
+                let own = at..at + w;
+                let (z, inverse) = (&mut z[own.clone()], &mut inverse[own.clone()]);
+                let windows = (&mut radius[own.clone()], &mut reach[own.clone()], &mut tight[own.clone()]);
+                let y = b * BAND + at / w;
+                valid += wide(
+                    #[inline(always)]
+                    || {
+                        source.row::<K>(y, z, &mut scratch);
+                        finish(z, inverse, &mut slack[own], windows, noise, &mut scratch.bin)
+                    },
+                );
+            }
+            valid
+        })
+        .sum();
 }
 
-#[inline]
-fn block_mean<const K: usize>(
-    rows: &[&[f32]; K],
-    first: usize,
-    keep: impl Fn(f32) -> f32,
-    frame: &Frame,
-) -> f32 {
-    let (low, high) = ((K - 1) / 2, K / 2);
-    // A row narrower than a block ends early.
-    let last = rows[0].len() - 1;
-    let at = |r: usize, c: usize| keep(rows[r][(first + c).min(last)]);
-    let centre = [(high, high), (low, low), (high, low), (low, high)];
-    let Some(reference) = centre.iter().map(|&(r, c)| at(r, c)).find(|&d| d > 0.0) else { return 0.0 };
-    let reach = 3.0 * frame.noise.sigma(reference) + 0.9 * frame.spacing * reference;
-    let (mut sum, mut n) = ([0f32; K], [0f32; K]);
-    for row in rows {
-        let Some(row) = row.get(first..first + K).and_then(|r| r.first_chunk::<K>()) else { continue };
-        for c in 0..K {
-            let off = row[c] - reference;
-            let inside = off.abs() <= reach;
-            sum[c] += if inside { off } else { 0.0 };
-            n[c] += if inside { 1.0 } else { 0.0 };
+/// Inverse depth, its sigma and the window of every pixel of a row; returns the number of valid ones.
+#[inline(always)]
+fn finish(
+    z: &[f32],
+    inverse: &mut [f32],
+    slack: &mut [f32],
+    (radius, reach, tight): (&mut [u8], &mut [u8], &mut [f32]),
+    noise: &NoiseTable,
+    bin: &mut [u32],
+) -> usize {
+    let mut valid = 0u32;
+    for ((bin, inverse), &z) in bin.iter_mut().zip(inverse.iter_mut()).zip(z) {
+        *bin = NoiseTable::bin(z);
+        *inverse = if z > 0.0 { 1.0 / z } else { 0.0 };
+        valid += u32::from(z > 0.0);
+    }
+    let windows = radius.iter_mut().zip(reach).zip(tight);
+    for (((&bin, &inverse), slack), ((radius, reach), tight)) in
+        bin.iter().zip(&*inverse).zip(slack).zip(windows)
+    {
+        let row = noise.at(bin);
+        *slack = row.sigma * inverse * inverse;
+        *radius = if inverse > 0.0 { row.window.radius } else { 0 };
+        (*reach, *tight) = (row.window.reach, row.window.smooth);
+    }
+    valid as usize
+}
+
+/// The image that is shrunk.
+struct Source<'a> {
+    depth: &'a [f32],
+    stride: usize,
+    rows: usize,
+    low: f32,
+    high: f32,
+    noise: &'a NoiseTable,
+    /// Depth that a block may span on a surface, per metre.
+    slope: f32,
+}
+
+/// Rows of a band: per source column the reference of its block, how far one may be off it, the sum of what is off by
+/// less and its number; and per working pixel its range bin.
+struct Scratch {
+    reference: Vec<f32>,
+    limit: Vec<f32>,
+    sum: Vec<f32>,
+    number: Vec<f32>,
+    bin: Vec<u32>,
+}
+
+impl Scratch {
+    fn new<const K: usize>(w: usize) -> Self {
+        let wide = || vec![0.0; if K == 1 { 0 } else { w * K }];
+        Self { reference: wide(), limit: wide(), sum: wide(), number: wide(), bin: vec![0; w] }
+    }
+}
+
+impl Source<'_> {
+    #[inline(always)]
+    fn keep(&self, d: f32) -> f32 {
+        if (d >= self.low) & (d <= self.high) { d } else { 0.0 }
+    }
+
+    /// A row of the source; an image smaller than a block repeats its last row.
+    #[inline(always)]
+    fn source(&self, row: usize) -> &[f32] {
+        let row = row.min(self.rows - 1);
+        &self.depth[row * self.stride..(row + 1) * self.stride]
+    }
+
+    #[inline(always)]
+    fn row<const K: usize>(&self, y: usize, z: &mut [f32], scratch: &mut Scratch) {
+        if K == 1 {
+            for (z, &d) in z.iter_mut().zip(self.source(y)) {
+                *z = self.keep(d);
+            }
+            return;
+        }
+        let Scratch { reference, limit, sum, number, .. } = scratch;
+        self.references::<K>(y, reference, limit);
+        sum.fill(0.0);
+        number.fill(0.0);
+        for row in y * K..(y + 1) * K {
+            let block = reference.iter().zip(&*limit).zip(sum.iter_mut().zip(number.iter_mut()));
+            for (&d, ((&reference, &limit), (sum, number))) in self.source(row).iter().zip(block) {
+                let off = d - reference;
+                let inside = off.abs() <= limit;
+                *sum += if inside { off } else { 0.0 };
+                *number += if inside { 1.0 } else { 0.0 };
+            }
+        }
+        let blocks = reference.chunks_exact(K).zip(sum.chunks_exact(K).zip(number.chunks_exact(K)));
+        for (z, (reference, (sum, number))) in z.iter_mut().zip(blocks) {
+            let mean = sum.iter().sum::<f32>() / number.iter().sum::<f32>().max(1.0);
+            *z = if reference[0] > 0.0 { reference[0] + mean } else { 0.0 };
         }
     }
-    reference + sum.iter().sum::<f32>() / n.iter().sum::<f32>().max(1.0)
+
+    /// The depth of the first valid centre pixel of every block, for each of its columns.
+    #[inline(always)]
+    fn references<const K: usize>(&self, y: usize, reference: &mut [f32], limit: &mut [f32]) {
+        let (low, high) = ((K - 1) / 2, K / 2);
+        let (above, below) = (self.source(y * K + low), self.source(y * K + high));
+        // A row narrower than a block ends early.
+        let last = self.stride - 1;
+        let blocks = reference.chunks_exact_mut(K).zip(limit.chunks_exact_mut(K));
+        for (x, (reference, limit)) in blocks.enumerate() {
+            let (left, right) = ((x * K + low).min(last), (x * K + high).min(last));
+            let mut d = self.keep(below[right]);
+            for other in [above[left], below[left], above[right]] {
+                d = if d > 0.0 { d } else { self.keep(other) };
+            }
+            reference.fill(d);
+            limit.fill(if d > 0.0 { 3.0 * self.noise.sigma(d) + self.slope * d } else { 0.0 });
+        }
+    }
 }

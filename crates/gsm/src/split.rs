@@ -6,7 +6,7 @@
 
 use crate::associate::Association;
 use crate::event::SegmentEvent;
-use crate::frame::Frame;
+use crate::samples::Samples;
 use crate::store::{Step, Store};
 use crate::surfels::Surfels;
 use crate::vote::Votes;
@@ -54,18 +54,18 @@ impl Splits {
         store: &mut Store,
         events: &mut Vec<SegmentEvent>,
     ) {
-        let Step { frame, now, .. } = step;
-        let candidates = candidates(frame, votes);
+        let Step { samples, now, .. } = step;
+        let candidates = candidates(samples, votes);
         if candidates.is_empty() && self.tags.is_empty() {
             return;
         }
-        self.count(frame, association, votes, &store.surfels);
+        self.count(samples, association, votes, &store.surfels);
         let mut given = vec![0u32; votes.segment_of.len()];
         for &region in &candidates {
             given[region as usize] = self.confirm(region, now);
         }
         self.contradict(&given);
-        self.paint(frame, association, votes, &mut store.surfels, &given);
+        self.paint(samples, association, votes, &mut store.surfels, &given);
         for &region in &candidates {
             let tag = given[region as usize];
             if self.tags.get(&tag).is_some_and(|t| t.score >= SCORE) {
@@ -78,16 +78,16 @@ impl Splits {
         }
     }
 
-    fn count(&mut self, frame: &Frame, association: &Association, votes: &Votes, surfels: &Surfels) {
+    fn count(&mut self, samples: &Samples, association: &Association, votes: &Votes, surfels: &Surfels) {
         self.cells.clear();
         self.region_pixels.clear();
         self.region_pixels.resize(votes.segment_of.len(), 0);
-        for ((&hit, &segment), &region) in association.hit.iter().zip(&association.segment).zip(&frame.label)
-        {
-            if hit != 0 && region != 0 && segment == votes.segment_of[region as usize] {
-                self.region_pixels[region as usize] += 1;
-                if surfels.is_tagged(hit - 1) {
-                    self.cells.push((region, surfels.cold[hit as usize - 1].tag));
+        for (hit, sample) in association.hits.iter().zip(&samples.list) {
+            let region = sample.region();
+            if hit.surfel != 0 && region != 0 && hit.segment == votes.segment_of[region] {
+                self.region_pixels[region] += 1;
+                if surfels.is_tagged(hit.surfel - 1) {
+                    self.cells.push((region as u32, surfels.cold[hit.surfel as usize - 1].tag));
                 }
             }
         }
@@ -148,19 +148,19 @@ impl Splits {
 
     fn paint(
         &self,
-        frame: &Frame,
+        samples: &Samples,
         association: &Association,
         votes: &Votes,
         surfels: &mut Surfels,
         given: &[u32],
     ) {
         for m in &association.matches {
-            let region = frame.label[m.pixel as usize] as usize;
+            let region = samples.list[m.sample as usize].region();
             let tag = given[region];
             if region == 0 || tag == 0 && !surfels.is_tagged(m.surfel) {
                 continue;
             }
-            let own = surfels.hot[m.surfel as usize].segment;
+            let own = surfels.segment(m.surfel);
             if own == 0 || own != votes.segment_of[region] {
                 continue;
             }
@@ -172,11 +172,11 @@ impl Splits {
 }
 
 /// The smaller of every two touching regions that are one segment and share a substantial border.
-fn candidates(frame: &Frame, votes: &Votes) -> Vec<u32> {
+fn candidates(samples: &Samples, votes: &Votes) -> Vec<u32> {
     let mut found = Vec::new();
     for run in votes.seams.chunk_by(|a, b| a == b) {
         let (a, b) = run[0];
-        let size = |r: u32| frame.region_size[r as usize];
+        let size = |r: u32| samples.region_size[r as usize];
         let smaller = if (size(a), b) <= (size(b), a) { a } else { b };
         let wanted = BORDER * (size(smaller) as f32).sqrt();
         if size(smaller) >= PIXELS && run.len() as f32 >= wanted {
@@ -208,7 +208,7 @@ fn split(
     events.push(SegmentEvent::Split { from: segments.id(old - 1), into: segments.id(slot) });
     for id in parts {
         segments.relabel(surfels, id, slot + 1);
-        surfels.cold[id as usize].label_confidence = CONFIDENCE;
+        *surfels.label_confidence(id) = CONFIDENCE;
         surfels.set_tag(id, 0);
     }
     votes.segment_of[region as usize] = slot + 1;

@@ -2,7 +2,9 @@
 //!
 //! A block holds surfels of one brick only, so that visiting a brick streams through memory.
 
-/// What projection and association read: 32 bytes, world frame, metres.
+use crate::store::Step;
+
+/// What projection and association read of one surfel: 32 bytes, world frame, metres.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Hot {
     pub(crate) position: [f32; 3],
@@ -13,11 +15,49 @@ pub(crate) struct Hot {
     pub(crate) segment: u32,
 }
 
-/// The rest: 32 bytes.
+/// The same of a block, field by field, so that it is projected as a whole.
+#[derive(Debug, Clone, Copy, Default)]
+#[repr(align(64))]
+pub(crate) struct HotBlock {
+    pub(crate) position: [[f32; BLOCK]; 3],
+    pub(crate) normal: [[f32; BLOCK]; 3],
+    pub(crate) radius: [f32; BLOCK],
+    pub(crate) segment: [u32; BLOCK],
+    /// Sightings less contradictions.
+    pub(crate) confidence: [f32; BLOCK],
+    pub(crate) label_confidence: [i16; BLOCK],
+    /// In use and not stable, a bit each.
+    pub(crate) unstable: u16,
+    /// Of a part that may be split off (its [tag](Cold::tag) is not 0).
+    tagged: u16,
+    /// The brick that owns the block.
+    pub(crate) brick: u32,
+}
+
+impl HotBlock {
+    #[inline]
+    fn get(&self, k: usize) -> Hot {
+        let ([px, py, pz], [nx, ny, nz]) = (&self.position, &self.normal);
+        Hot {
+            position: [px[k], py[k], pz[k]],
+            radius: self.radius[k],
+            normal: [nx[k], ny[k], nz[k]],
+            segment: self.segment[k],
+        }
+    }
+
+    #[inline]
+    fn set(&mut self, k: usize, hot: &Hot) {
+        for a in 0..3 {
+            (self.position[a][k], self.normal[a][k]) = (hot.position[a], hot.normal[a]);
+        }
+        (self.radius[k], self.segment[k]) = (hot.radius, hot.segment);
+    }
+}
+
+/// The rest: 24 bytes.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Cold {
-    /// Sightings less contradictions.
-    pub(crate) confidence: f32,
     /// Frame of the last sighting as long as it was unstable.
     pub(crate) seen: u32,
     /// Position as counted in the segment's moments, 0.1 mm about the map's origin.
@@ -26,8 +66,14 @@ pub(crate) struct Cold {
     pub(crate) place: u32,
     /// Tag of a part that may be split off, 0 = none.
     pub(crate) tag: u32,
-    pub(crate) label_confidence: i16,
-    pub(crate) stable: bool,
+}
+
+impl Cold {
+    /// Not seen for long; of unstable ones only.
+    #[inline]
+    pub(crate) fn timed_out(&self, step: Step<'_>) -> bool {
+        step.now.saturating_sub(self.seen) > step.params.unstable_frames
+    }
 }
 
 /// Entries per block.
@@ -40,21 +86,11 @@ pub(crate) struct Block {
     pub(crate) used: u16,
 }
 
-/// What must be known of many surfels that are not otherwise touched: a bit per entry of a block.
-#[derive(Debug, Clone, Copy, Default)]
-pub(crate) struct Flags {
-    /// In use and not [stable](Cold::stable).
-    pub(crate) unstable: u16,
-    /// Its [tag](Cold::tag) is not 0.
-    pub(crate) tagged: u16,
-}
-
 #[derive(Debug, Default)]
 pub(crate) struct Surfels {
-    pub(crate) hot: Vec<Hot>,
+    /// Of 16 surfels each.
+    pub(crate) hot: Vec<HotBlock>,
     pub(crate) cold: Vec<Cold>,
-    /// Per block, in the order of `hot`.
-    flags: Vec<Flags>,
     free_blocks: Vec<u32>,
     live: usize,
 }
@@ -65,19 +101,21 @@ impl Surfels {
         self.live
     }
 
-    /// Stores a surfel in a free entry of a brick's blocks, adding a block when they are full and there is room for
+    /// Stores a new, unstable surfel in a free entry of a brick's blocks, adding a block when they are full and there is room for
     /// one below `limit` entries.
     pub(crate) fn insert(
         &mut self,
+        brick: u32,
         blocks: &mut Vec<Block>,
         hot: Hot,
-        cold: Cold,
+        now: u32,
         limit: u32,
     ) -> Option<u32> {
         let place = match blocks.iter().rposition(|b| b.used != u16::MAX) {
             Some(place) => place,
             None => {
                 let first = self.new_block(limit)?;
+                self.hot[first as usize / BLOCK].brick = brick;
                 blocks.push(Block { first, used: 0 });
                 blocks.len() - 1
             }
@@ -86,9 +124,11 @@ impl Surfels {
         let bit = block.used.trailing_ones();
         block.used |= 1 << bit;
         let id = block.first + bit;
-        self.hot[id as usize] = hot;
-        self.cold[id as usize] = cold;
-        self.mark(id, |f, bit| f.unstable |= if cold.stable { 0 } else { bit });
+        self.set_hot(id, &hot);
+        self.cold[id as usize] = Cold { seen: now, ..Cold::default() };
+        let (block, k) = self.place(id);
+        block.unstable |= 1 << k;
+        (block.confidence[k], block.label_confidence[k]) = (1.0, 0);
         self.live += 1;
         Some(id)
     }
@@ -97,58 +137,76 @@ impl Surfels {
         if let Some(first) = self.free_blocks.pop() {
             return Some(first);
         }
-        let first = self.hot.len();
+        let first = self.cold.len();
         if first + BLOCK > limit as usize {
             return None;
         }
-        if first + BLOCK > self.hot.capacity() {
+        if self.hot.len() == self.hot.capacity() {
             // A quarter more instead of doubling keeps the slack, and with it the bytes per surfel, small.
-            let more = (first / 4).max(256 * BLOCK);
+            let more = (self.hot.len() / 4).max(256);
             self.hot.reserve_exact(more);
-            self.cold.reserve_exact(more);
+            self.cold.reserve_exact(more * BLOCK);
         }
-        self.hot.resize(first + BLOCK, Hot::default());
+        self.hot.push(HotBlock::default());
         self.cold.resize(first + BLOCK, Cold::default());
-        self.flags.resize(self.hot.len() / BLOCK, Flags::default());
         Some(first as u32)
     }
 
     /// Frees the entry; the caller clears its bit, and hands empty blocks to [`recycle`](Self::recycle).
     pub(crate) fn remove(&mut self, id: u32) {
-        self.hot[id as usize] = Hot::default();
+        self.set_hot(id, &Hot::default());
         self.cold[id as usize] = Cold::default();
-        self.mark(id, |f, bit| {
-            f.unstable &= !bit;
-            f.tagged &= !bit;
-        });
+        let (block, k) = self.place(id);
+        block.unstable &= !(1 << k);
+        block.tagged &= !(1 << k);
         self.live -= 1;
     }
 
-    /// Flags of the block that starts at an entry.
+    /// Block and entry of a surfel.
     #[inline]
-    pub(crate) fn flags(&self, first: u32) -> Flags {
-        self.flags[first as usize / BLOCK]
-    }
-
-    #[inline]
-    fn mark(&mut self, id: u32, change: impl FnOnce(&mut Flags, u16)) {
-        change(&mut self.flags[id as usize / BLOCK], 1 << (id as usize % BLOCK));
+    fn place(&mut self, id: u32) -> (&mut HotBlock, usize) {
+        (&mut self.hot[id as usize / BLOCK], id as usize % BLOCK)
     }
 
     #[inline]
     pub(crate) fn is_tagged(&self, id: u32) -> bool {
-        self.flags[id as usize / BLOCK].tagged >> (id as usize % BLOCK) & 1 == 1
+        self.hot[id as usize / BLOCK].tagged >> (id as usize % BLOCK) & 1 == 1
     }
 
     /// Sets the tag of a part that may be split off, 0 = none.
     pub(crate) fn set_tag(&mut self, id: u32, tag: u32) {
         self.cold[id as usize].tag = tag;
-        self.mark(id, |f, bit| f.tagged = if tag == 0 { f.tagged & !bit } else { f.tagged | bit });
+        let (block, k) = self.place(id);
+        block.tagged = block.tagged & !(1 << k) | u16::from(tag != 0) << k;
     }
 
-    pub(crate) fn set_stable(&mut self, id: u32) {
-        self.cold[id as usize].stable = true;
-        self.mark(id, |f, bit| f.unstable &= !bit);
+    /// Seen often enough to count; of live surfels only.
+    #[inline]
+    pub(crate) fn is_stable(&self, id: u32) -> bool {
+        self.hot[id as usize / BLOCK].unstable >> (id as usize % BLOCK) & 1 == 0
+    }
+
+    #[inline]
+    pub(crate) fn confidence(&self, id: u32) -> f32 {
+        self.hot[id as usize / BLOCK].confidence[id as usize % BLOCK]
+    }
+
+    #[inline]
+    pub(crate) fn label_confidence(&mut self, id: u32) -> &mut i16 {
+        let (block, k) = self.place(id);
+        &mut block.label_confidence[k]
+    }
+
+    /// Unstable or worn out entries of the block that starts at an entry.
+    pub(crate) fn suspects(&self, first: u32) -> u16 {
+        let block = &self.hot[first as usize / BLOCK];
+        let worn = (0..BLOCK).fold(0, |m, k| m | u16::from(block.confidence[k] < 0.0) << k);
+        block.unstable | worn
+    }
+
+    /// Unstable and not seen for long.
+    pub(crate) fn timed_out(&self, id: u32, step: Step<'_>) -> bool {
+        !self.is_stable(id) && self.cold[id as usize].timed_out(step)
     }
 
     /// Takes the empty blocks out of a brick.
@@ -161,53 +219,83 @@ impl Surfels {
         });
     }
 
-    pub(crate) fn is_live(&self, id: usize) -> bool {
-        self.hot[id].radius > 0.0
+    pub(crate) fn is_live(&self, id: u32) -> bool {
+        self.radius(id) > 0.0
+    }
+
+    #[inline]
+    pub(crate) fn hot(&self, id: u32) -> Hot {
+        self.hot[id as usize / BLOCK].get(id as usize % BLOCK)
+    }
+
+    #[inline]
+    pub(crate) fn set_hot(&mut self, id: u32, hot: &Hot) {
+        self.hot[id as usize / BLOCK].set(id as usize % BLOCK, hot);
+    }
+
+    #[inline]
+    pub(crate) fn position(&self, id: u32) -> [f32; 3] {
+        self.hot[id as usize / BLOCK].position.each_ref().map(|v| v[id as usize % BLOCK])
+    }
+
+    #[inline]
+    pub(crate) fn radius(&self, id: u32) -> f32 {
+        self.hot[id as usize / BLOCK].radius[id as usize % BLOCK]
+    }
+
+    #[inline]
+    pub(crate) fn segment(&self, id: u32) -> u32 {
+        self.hot[id as usize / BLOCK].segment[id as usize % BLOCK]
+    }
+
+    #[inline]
+    pub(crate) fn segment_mut(&mut self, id: u32) -> &mut u32 {
+        &mut self.hot[id as usize / BLOCK].segment[id as usize % BLOCK]
+    }
+
+    /// Marks a surfel for removal at the next visit of its brick.
+    pub(crate) fn doom(&mut self, id: u32) {
+        let (block, k) = self.place(id);
+        block.confidence[k] = -1.0;
+        block.radius[k] *= -1.0;
+    }
+
+    /// Entries, in use or not.
+    pub(crate) fn entries(&self) -> u32 {
+        self.cold.len() as u32
     }
 
     /// Bytes held, slack included.
     pub(crate) fn bytes(&self) -> usize {
-        self.hot.capacity() * size_of::<Hot>()
+        self.hot.capacity() * size_of::<HotBlock>()
             + self.cold.capacity() * size_of::<Cold>()
-            + self.flags.capacity() * size_of::<Flags>()
             + self.free_blocks.capacity() * 4
     }
-}
-
-/// Entries in use of a block, lowest first.
-pub(crate) fn entries(block: Block) -> impl Iterator<Item = u32> {
-    let mut rest = block.used;
-    std::iter::from_fn(move || {
-        let bit = rest.trailing_zeros();
-        (rest != 0).then(|| {
-            rest &= rest - 1;
-            block.first + bit
-        })
-    })
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::project::bits;
 
     #[test]
     fn blocks_are_filled_emptied_and_used_again() {
         let (mut s, mut blocks) = (Surfels::default(), Vec::new());
         let hot = Hot { radius: 0.01, ..Hot::default() };
         let ids: Vec<u32> =
-            (0..40).map(|_| s.insert(&mut blocks, hot, Cold::default(), 48).unwrap()).collect();
+            (0..40).map(|_| s.insert(7, &mut blocks, hot, 1, 48).unwrap()).collect();
         assert_eq!((s.len(), blocks.len()), (40, 3));
         for _ in 0..8 {
-            assert!(s.insert(&mut blocks, hot, Cold::default(), 48).is_some());
+            assert!(s.insert(7, &mut blocks, hot, 1, 48).is_some());
         }
-        assert_eq!(s.insert(&mut blocks, hot, Cold::default(), 48), None);
-        assert_eq!(blocks.iter().flat_map(|&b| entries(b)).take(40).collect::<Vec<_>>(), ids);
+        assert_eq!(s.insert(7, &mut blocks, hot, 1, 48), None);
+        assert_eq!(blocks.iter().flat_map(|b| bits(b.used.into()).map(|k| b.first + k as u32)).take(40).collect::<Vec<_>>(), ids);
         for b in &mut blocks {
-            entries(*b).for_each(|id| s.remove(id));
+            bits(b.used.into()).for_each(|k| s.remove(b.first + k as u32));
             b.used = 0;
         }
         s.recycle(&mut blocks);
         assert!(blocks.is_empty() && s.len() == 0 && !s.is_live(0));
-        assert!(s.insert(&mut blocks, hot, Cold::default(), 48).is_some());
+        assert!(s.insert(7, &mut blocks, hot, 1, 48).is_some());
     }
 }

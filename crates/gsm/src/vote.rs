@@ -3,7 +3,8 @@
 use crate::Params;
 use crate::associate::Association;
 use crate::event::SegmentEvent;
-use crate::frame::{DOWN, Frame, RIGHT};
+use crate::frame::{DOWN, RIGHT};
+use crate::samples::Samples;
 use crate::segments::Segments;
 use crate::store::{Step, Store};
 
@@ -23,6 +24,20 @@ const VOTES: u32 = 4;
 const MAIN_SHARE: f32 = 0.1;
 const OWN_SHARE: f32 = 0.4;
 
+/// What a sample says: the segment of its surfel (slot plus one) and its region, 0 = none.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Key {
+    segment: u32,
+    region: u32,
+}
+
+impl Key {
+    #[inline(always)]
+    fn is_bare(self) -> bool {
+        (self.segment == 0) | (self.region == 0)
+    }
+}
+
 /// Workspace and result.
 #[derive(Debug, Default)]
 pub(crate) struct Votes {
@@ -32,6 +47,8 @@ pub(crate) struct Votes {
     pub(crate) contacts: Vec<Contact>,
     /// Touching pixels of two regions that are one segment, as sorted pairs of regions.
     pub(crate) seams: Vec<(u32, u32)>,
+    /// Per sample.
+    keys: Vec<Key>,
     /// Slots seen in this frame and the pixels of each.
     pub(crate) seen: Vec<u32>,
     pub(crate) pixels: Vec<u32>,
@@ -55,46 +72,54 @@ impl Votes {
         store: &mut Store,
         events: &mut Vec<SegmentEvent>,
     ) {
-        let Step { frame, params, now, .. } = step;
+        let Step { samples, params, now, .. } = step;
         let segments = &mut store.segments;
-        self.see(association, segments, now);
+        self.see(samples, association, segments, now);
         let columns = self.seen.len();
-        let regions = frame.region_size.len();
+        let regions = samples.region_size.len();
         self.table.clear();
         self.table.resize(regions * columns, 0);
         self.cores.clear();
         self.cores.resize(regions, 0);
-        for (i, &s) in association.segment.iter().enumerate() {
-            if frame.edge[i] != 0 {
+        // Votes of neighbours for the same are cast together.
+        let mut votes = (0, 0);
+        for (sample, key) in samples.list.iter().zip(&self.keys) {
+            if sample.is_edge() {
                 continue;
             }
-            let region = frame.label[i] as usize;
-            self.cores[region] += 1;
-            if s != 0 && region != 0 {
-                self.table[region * columns + self.column[s as usize - 1] as usize] += 1;
+            self.cores[key.region as usize] += 1;
+            if key.is_bare() {
+                continue;
             }
+            let place = key.region as usize * columns + self.column[key.segment as usize - 1] as usize;
+            if place != votes.0 {
+                self.table.get_mut(votes.0).into_iter().for_each(|n| *n += votes.1);
+                votes = (place, 0);
+            }
+            votes.1 += 1;
         }
+        self.table.get_mut(votes.0).into_iter().for_each(|n| *n += votes.1);
         self.resolve(segments, params, now, events);
-        self.touch(frame, &association.segment);
+        self.touch(samples);
     }
 
-    fn see(&mut self, association: &Association, segments: &Segments, now: u32) {
+    fn see(&mut self, samples: &Samples, association: &Association, segments: &Segments, now: u32) {
         self.seen.clear();
         self.pixels.clear();
         self.column.resize(segments.slots.len(), 0);
         self.stamp.resize(segments.slots.len(), 0);
-        for &s in &association.segment {
-            if s == 0 {
-                continue;
-            }
-            let slot = s as usize - 1;
+        self.keys.clear();
+        let keys = association.hits.iter().zip(&samples.list);
+        self.keys.extend(keys.map(|(h, s)| Key { segment: h.segment, region: s.region() as u32 }));
+        for run in self.keys.chunk_by(|a, b| a.segment == b.segment).filter(|run| run[0].segment != 0) {
+            let slot = run[0].segment as usize - 1;
             if self.stamp[slot] != now {
                 self.stamp[slot] = now;
                 self.column[slot] = self.seen.len() as u32;
                 self.seen.push(slot as u32);
                 self.pixels.push(0);
             }
-            self.pixels[self.column[slot] as usize] += 1;
+            self.pixels[self.column[slot] as usize] += run.len() as u32;
         }
     }
 
@@ -148,40 +173,34 @@ impl Votes {
         }
     }
 
-    fn touch(&mut self, frame: &Frame, segment: &[u32]) {
+    fn touch(&mut self, samples: &Samples) {
         self.contacts.clear();
         self.seams.clear();
-        let (w, n) = (frame.width, segment.len());
+        let (w, n) = (samples.width, self.keys.len());
+        let keys = std::mem::take(&mut self.keys);
         for first in (0..n).step_by(w) {
-            for i in first..first + w {
-                let a = segment[i];
-                if a == 0 {
-                    continue;
-                }
-                if i + 1 < first + w {
-                    self.meet(frame, RIGHT, [i, i + 1], [a, segment[i + 1]]);
-                }
-                if i + w < n {
-                    self.meet(frame, DOWN, [i, i + w], [a, segment[i + w]]);
-                }
-            }
+            let row = &keys[first..first + w];
+            self.meet(samples, RIGHT, first, row, &row[1..]);
+            self.meet(samples, DOWN, first, row, &keys[(first + w).min(n)..]);
         }
+        self.keys = keys;
         self.contacts.sort_unstable();
         self.seams.sort_unstable();
     }
 
-    /// Notes what the segments `a`, `b` of two neighbouring pixels say.
-    #[inline]
-    fn meet(&mut self, frame: &Frame, bit: u8, [i, j]: [usize; 2], [a, b]: [u32; 2]) {
-        let (la, lb) = (frame.label[i], frame.label[j]);
-        if a == b && la == lb || b == 0 || la == 0 || lb == 0 {
-            return;
-        }
-        if a != b {
-            let joined = la == lb && frame.links[i] & bit != 0;
-            self.contacts.push(Contact { pair: (a.min(b) - 1, a.max(b) - 1), joined });
-        } else if self.segment_of[la as usize] == a && self.segment_of[lb as usize] == a {
-            self.seams.push((la.min(lb), la.max(lb)));
+    /// Notes what the samples from `first` on and their neighbours in direction `bit` say of their segments.
+    fn meet(&mut self, samples: &Samples, bit: u8, first: usize, keys: &[Key], others: &[Key]) {
+        for (i, (p, q)) in keys.iter().zip(others).enumerate() {
+            if p == q || p.is_bare() || q.is_bare() {
+                continue;
+            }
+            let ((a, la), (b, lb)) = ((p.segment, p.region), (q.segment, q.region));
+            if a != b {
+                let joined = la == lb && samples.links[first + i] & bit != 0;
+                self.contacts.push(Contact { pair: (a.min(b) - 1, a.max(b) - 1), joined });
+            } else if self.segment_of[la as usize] == a && self.segment_of[lb as usize] == a {
+                self.seams.push((la.min(lb), la.max(lb)));
+            }
         }
     }
 
