@@ -1,8 +1,7 @@
-//! Scored segments to the scene graph of a visit: segments of one object become one node.
+//! Scored objects to the scene graph of a visit.
 
-use crate::{Error, NONE, NodeSet, SAME_PART, Scores, parts};
+use crate::{Error, NONE, Objects, SAME_PART};
 use graph_align::{Edge, LabelId, Node, NodeId, SceneGraph, Vocabulary};
-use std::collections::BTreeMap;
 
 /// How scores become nodes and edges.
 #[derive(Clone, Debug, PartialEq)]
@@ -11,9 +10,10 @@ pub struct GraphParams {
     pub min_class: f32,
     /// An edge needs at least this probability of its predicate.
     pub min_predicate: f32,
-    /// Two groups of segments are one object when the mean over their pairs of neighbours of
-    /// (probability of `same part`) x (cosine of their class probabilities) exceeds this.
+    /// Likeness from which segments are joined ([`Objects::join`]).
     pub min_same_part: f32,
+    /// Weight of the network's second look, at objects in place of segments ([`Objects::look_again`]).
+    pub second_look: f32,
     /// Every predicate above `min_predicate` counts, not the best alone (l160).
     pub multi: bool,
     /// Objects outside the label set (class [`NONE`]) and those below `min_class` are kept: landmarks
@@ -31,6 +31,7 @@ impl Default for GraphParams {
             min_class: 0.0,
             min_predicate: 0.0,
             min_same_part: 0.5,
+            second_look: 0.0,
             multi: false,
             unnamed: false,
             first_id: 0,
@@ -39,55 +40,41 @@ impl Default for GraphParams {
     }
 }
 
-/// The graph of a visit. Nodes whose class is [`NONE`] stay out; `instances` of the result says for
-/// each segment which node it went into.
+/// The graph of a visit: a node for each object whose class is not [`NONE`], and the node of each
+/// segment.
 ///
 /// # Errors
-/// Scores that do not fit the node set, a vocabulary that is full.
+/// A vocabulary that is full, objects whose boxes are none.
 pub fn build_graph(
-    set: &NodeSet,
-    scores: &Scores,
+    objects: &Objects,
     class_names: &[String],
     predicate_names: &[String],
     vocabulary: &mut Vocabulary,
     p: &GraphParams,
 ) -> Result<(SceneGraph, Vec<Option<NodeId>>), Error> {
-    if scores.classes.len() != set.nodes.len() || scores.predicates.len() != set.edges.len() {
-        return Err(Error::Weights(format!(
-            "{} class and {} predicate rows for {} nodes and {} pairs",
-            scores.classes.len(),
-            scores.predicates.len(),
-            set.nodes.len(),
-            set.edges.len()
-        )));
-    }
-    let groups = parts::groups(set, scores, predicate_names, p.min_same_part);
     let mut graph = SceneGraph::default();
-    let mut node_of = vec![None; set.nodes.len()];
-    for members in members(&groups).values() {
-        let mean = class_mean(set, scores, members);
-        let (class, score) = argmax(&mean);
+    let mut node_of = vec![None; objects.set.nodes.len()];
+    for (k, (object, classes)) in objects.set.nodes.iter().zip(&objects.scores.classes).enumerate() {
+        let (class, score) = argmax(classes);
         let Some(name) = class_names.get(class).filter(|n| p.unnamed || *n != NONE) else { continue };
         if score < p.min_class && !p.unnamed {
             continue;
         }
         let id = NodeId(p.first_id + graph.len() as u64);
-        let bounds =
-            members[1..].iter().fold(set.nodes[members[0]].bounds, |b, &m| b.union(&set.nodes[m].bounds));
-        members.iter().for_each(|&m| node_of[m] = Some(id));
+        node_of[k] = Some(id);
         graph.insert_node(Node {
             id,
             label: vocabulary.label(name)?,
             score,
-            bounds,
-            others: others(&mean, class, class_names, vocabulary, p.unnamed)?,
+            bounds: object.bounds,
+            others: others(classes, class, class_names, vocabulary, p.unnamed)?,
             sightings: 1,
             misses: 0,
             last_seen: p.time,
         });
     }
-    add_edges(&mut graph, set, scores, predicate_names, &node_of, vocabulary, p)?;
-    Ok((graph, node_of))
+    add_edges(&mut graph, objects, predicate_names, &node_of, vocabulary, p)?;
+    Ok((graph, objects.of.iter().map(|&k| node_of[k]).collect()))
 }
 
 /// The classes after the best one, falling; [`NONE`] is no class unless the unnamed are kept.
@@ -105,58 +92,34 @@ fn others(
     order.iter().map(|&k| Ok((vocabulary.label(&names[k])?, mean[k]))).collect()
 }
 
-fn members(group: &[usize]) -> BTreeMap<usize, Vec<usize>> {
-    let mut out: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
-    group.iter().enumerate().for_each(|(k, &g)| out.entry(g).or_default().push(k));
-    out
-}
-
-/// Mean of the class probabilities, weighted by surfels.
-fn class_mean(set: &NodeSet, scores: &Scores, members: &[usize]) -> Vec<f32> {
-    let total: f32 = members.iter().map(|&m| set.nodes[m].surfels as f32).sum();
-    let mut mean = vec![0.0; scores.classes[members[0]].len()];
-    for &m in members {
-        let w = set.nodes[m].surfels as f32 / total.max(1.0);
-        mean.iter_mut().zip(&scores.classes[m]).for_each(|(a, v)| *a += w * v);
-    }
-    mean
-}
-
-/// Predicates between objects: the mean over their segments' pairs, `same part` left out.
+/// Predicates between objects, `same part` left out.
 fn add_edges(
     graph: &mut SceneGraph,
-    set: &NodeSet,
-    scores: &Scores,
+    objects: &Objects,
     names: &[String],
     node_of: &[Option<NodeId>],
     vocabulary: &mut Vocabulary,
     p: &GraphParams,
 ) -> Result<(), Error> {
-    let mut sums: BTreeMap<(NodeId, NodeId), (Vec<f32>, f32)> = BTreeMap::new();
-    for (&[i, j], s) in set.edges.iter().zip(&scores.predicates) {
-        let (Some(a), Some(b)) = (node_of[i], node_of[j]) else { continue };
-        let none = vocabulary.find_label(NONE);
+    let same = names.iter().position(|n| n == SAME_PART);
+    let none = vocabulary.find_label(NONE);
+    for (&[i, j], scores) in objects.set.edges.iter().zip(&objects.scores.predicates) {
+        let (Some(s), Some(t)) = (node_of[i], node_of[j]) else { continue };
         let unnamed = |id| none.is_some() && graph.node(id).map(|n| n.label) == none;
-        if a == b || unnamed(a) || unnamed(b) {
+        if unnamed(s) || unnamed(t) {
             continue;
         }
-        let (sum, n) = sums.entry((a, b)).or_insert_with(|| (vec![0.0; s.len()], 0.0));
-        sum.iter_mut().zip(s).for_each(|(x, v)| *x += v);
-        *n += 1.0;
-    }
-    let same = names.iter().position(|n| n == SAME_PART);
-    for ((s, t), (mut mean, n)) in sums {
-        mean.iter_mut().for_each(|v| *v /= n);
-        if let Some(k) = same {
-            mean[k] = 0.0;
+        let mut scores = scores.clone();
+        if let Some(k) = same.filter(|k| *k < scores.len()) {
+            scores[k] = 0.0;
             if !p.multi {
-                let rest: f32 = mean.iter().sum();
-                mean.iter_mut().for_each(|v| *v /= rest.max(1e-12));
+                let rest: f32 = scores.iter().sum();
+                scores.iter_mut().for_each(|v| *v /= rest.max(1e-12));
             }
         }
-        let best = argmax(&mean).0;
-        for (k, &score) in mean.iter().enumerate() {
-            let wanted = if p.multi { score >= p.min_predicate.max(0.5) } else { k == best };
+        let best = argmax(&scores).0;
+        for (k, &score) in scores.iter().enumerate() {
+            let wanted = if p.multi { score >= p.min_predicate.max(0.5) } else { k == best && score > 0.0 };
             let Some(name) = names.get(k).filter(|n| *n != NONE && *n != SAME_PART) else { continue };
             if wanted && score >= p.min_predicate {
                 graph.insert_edge(Edge { s, t, p: vocabulary.predicate(name)?, score })?;
@@ -174,7 +137,7 @@ fn argmax(v: &[f32]) -> (usize, f32) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::NodeInput;
+    use crate::{NodeInput, NodeSet, Scores};
     use graph_align::Box3;
     use gsm::SegmentId;
 
@@ -208,7 +171,8 @@ mod tests {
         };
         let mut v = Vocabulary::default();
         let p = GraphParams { first_id: 40, ..GraphParams::default() };
-        let (g, of) = build_graph(&set, &scores, &classes, &predicates, &mut v, &p).expect("graph");
+        let objects = Objects::join(&set, &scores, &predicates, p.min_same_part, 0.5).expect("rows fit");
+        let (g, of) = build_graph(&objects, &classes, &predicates, &mut v, &p).expect("graph");
         assert_eq!(of, [Some(NodeId(40)), Some(NodeId(40)), Some(NodeId(41)), None]);
         assert_eq!(g.len(), 2);
         let wall = g.node(NodeId(40)).expect("wall");
@@ -217,6 +181,14 @@ mod tests {
         let edges: Vec<_> = g.edges().map(|e| (e.s.0, e.t.0)).collect();
         assert_eq!(edges, [(41, 40)]);
         assert!((g.edges().next().expect("edge").score - 0.75).abs() < 1e-6);
-        assert!(build_graph(&set, &Scores::default(), &classes, &predicates, &mut v, &p).is_err());
+        assert!(Objects::join(&set, &Scores::default(), &predicates, p.min_same_part, 0.5).is_err());
+        // A second look decides in proportion to its weight.
+        let mut again = objects.clone();
+        let chair =
+            Scores { classes: vec![vec![0.0, 1.0, 0.0]; 3], predicates: objects.scores.predicates.clone() };
+        again.look_again(&chair, 0.75);
+        let (g, _) = build_graph(&again, &classes, &predicates, &mut v, &p).expect("graph");
+        assert!(g.nodes().all(|n| n.label == v.find_label("chair").expect("used")));
+        assert!((g.node(NodeId(40)).expect("first").score - (0.2 + 0.75 * 0.8)).abs() < 1e-6);
     }
 }

@@ -1,8 +1,8 @@
 //! One robot: depth frames to a local 3D semantic scene graph.
 //!
 //! The only crate that knows segmentation, inference and graphs at once. The flow of a visit:
-//! [`Robot::segment`] integrates frames, [`Robot::infer`] scores what changed, [`Robot::graph`] joins
-//! segments to instances and writes the scene graph. [`NodeSet`] is what lies between: one node per
+//! [`Robot::segment`] integrates frames, [`Robot::infer`] scores what changed, [`Robot::objects`]
+//! joins segments to objects and looks at them again, [`Robot::graph`] writes the scene graph. [`NodeSet`] is what lies between: one node per
 //! segment with its points and box, and the pairs of neighbours; the trainer stores the same thing.
 //!
 //! ```no_run
@@ -23,12 +23,14 @@ mod fusion;
 mod instances;
 mod looked;
 mod nodes;
+mod objects;
 mod parts;
 mod robot;
 
 pub use fusion::{Fused, Scores};
 pub use instances::{GraphParams, build_graph};
 pub use nodes::{NodeInput, NodeParams, NodeSet};
+pub use objects::Objects;
 pub use robot::{Robot, RobotParams, integrate};
 
 /// Class output that means "outside the label set".

@@ -1,12 +1,12 @@
 //! The frame loop of one robot.
 
 use crate::fusion::Memory;
-use crate::{Error, GraphParams, NodeParams, NodeSet, Scores, build_graph};
+use crate::{Error, GraphParams, NodeParams, NodeSet, Objects, Scores, build_graph};
 use graph_align::{Looked, SceneGraph, Vocabulary};
 use gsm::{DepthView, FrameReport, Map, SegmentEvent, SegmentId};
 use nalgebra::{UnitQuaternion, Vector3};
 use scan3r::Frame;
-use sgfn_infer::{Descriptor, EdgeScores, Features, Matrix, Model};
+use sgfn_infer::{Descriptor, EdgeScores, Features, Graph, Matrix, Model};
 use std::collections::BTreeMap;
 
 /// Parameters of a robot.
@@ -210,10 +210,33 @@ impl<'m> Robot<'m> {
         let set = self.nodes()?;
         let c = self.model.config();
         let p = GraphParams { multi: c.edge_scores == EdgeScores::Multi, time: self.time, ..params };
-        let (graph, of) =
-            build_graph(&set, &self.scores(&set), &c.class_names, &c.predicate_names, vocabulary, &p)?;
+        let objects = self.objects(&set)?;
+        let (graph, of) = build_graph(&objects, &c.class_names, &c.predicate_names, vocabulary, &p)?;
         let instance = set.nodes.iter().zip(of).filter_map(|(n, id)| Some((n.id, id?.0)));
         Ok((graph, instance.collect()))
+    }
+
+    /// The objects that the segments of a node set are parts of. Segments were scored one by one; the
+    /// network has a second look at the objects that they make up.
+    ///
+    /// # Errors
+    /// Whatever the network refuses.
+    pub fn objects(&self, set: &NodeSet) -> Result<Objects, Error> {
+        let (c, p) = (self.model.config(), &self.params);
+        let mut objects =
+            Objects::join(set, &self.scores(set), &c.predicate_names, p.graph.min_same_part, p.nodes.gap)?;
+        if p.graph.second_look > 0.0 {
+            let segments: Vec<_> =
+                objects.set.nodes.iter().map(|n| n.segment(c.channels)).collect::<Result<_, _>>()?;
+            let out = self.model.infer(&Graph { segments: &segments, edges: &objects.set.edges })?;
+            let rows = |m: Matrix| (0..m.rows()).map(|k| m.row(k).to_vec()).collect();
+            let second = Scores {
+                classes: rows(out.class_probabilities()),
+                predicates: rows(out.predicate_probabilities()),
+            };
+            objects.look_again(&second, p.graph.second_look);
+        }
+        Ok(objects)
     }
 
     /// The graph of the visit so far with what has no name ([`GraphParams::unnamed`]).

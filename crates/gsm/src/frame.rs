@@ -137,7 +137,6 @@ impl Frame {
     pub(crate) fn normal(&self, i: usize) -> [f32; 3] {
         [self.normal[0][i], self.normal[1][i], self.normal[2][i]]
     }
-
 }
 
 /// Scalar product.

@@ -119,7 +119,13 @@ impl Map {
         let (counts, events) = (&mut report.counts, &mut report.events);
 
         // What the map expects to see.
-        let step = Step { frame: &self.frame, samples: &self.samples, pose: &pose, params: &self.params, now: self.now };
+        let step = Step {
+            frame: &self.frame,
+            samples: &self.samples,
+            pose: &pose,
+            params: &self.params,
+            now: self.now,
+        };
         counts.refused += visibility::look(step, &mut self.store.bricks, &mut self.visible);
         done(Stage::Look);
         if self.params.noise.is_independent() {
@@ -134,7 +140,13 @@ impl Map {
         done(Stage::Samples);
 
         // The map as the frame sees it.
-        let step = Step { frame: &self.frame, samples: &self.samples, pose: &pose, params: &self.params, now: self.now };
+        let step = Step {
+            frame: &self.frame,
+            samples: &self.samples,
+            pose: &pose,
+            params: &self.params,
+            now: self.now,
+        };
         let (association, votes, store) = (&mut self.association, &mut self.votes, &mut self.store);
         association.run(step, &self.visible, store, counts);
         done(Stage::Associate);

@@ -282,14 +282,20 @@ mod tests {
     fn blocks_are_filled_emptied_and_used_again() {
         let (mut s, mut blocks) = (Surfels::default(), Vec::new());
         let hot = Hot { radius: 0.01, ..Hot::default() };
-        let ids: Vec<u32> =
-            (0..40).map(|_| s.insert(7, &mut blocks, hot, 1, 48).unwrap()).collect();
+        let ids: Vec<u32> = (0..40).map(|_| s.insert(7, &mut blocks, hot, 1, 48).unwrap()).collect();
         assert_eq!((s.len(), blocks.len()), (40, 3));
         for _ in 0..8 {
             assert!(s.insert(7, &mut blocks, hot, 1, 48).is_some());
         }
         assert_eq!(s.insert(7, &mut blocks, hot, 1, 48), None);
-        assert_eq!(blocks.iter().flat_map(|b| bits(b.used.into()).map(|k| b.first + k as u32)).take(40).collect::<Vec<_>>(), ids);
+        assert_eq!(
+            blocks
+                .iter()
+                .flat_map(|b| bits(b.used.into()).map(|k| b.first + k as u32))
+                .take(40)
+                .collect::<Vec<_>>(),
+            ids
+        );
         for b in &mut blocks {
             bits(b.used.into()).for_each(|k| s.remove(b.first + k as u32));
             b.used = 0;

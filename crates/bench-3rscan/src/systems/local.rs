@@ -7,7 +7,7 @@ use crate::scenario::Visit;
 use crate::surface::Seen;
 use crate::systems::AgentFrames;
 use crate::{Error, Surface};
-use agent::{GraphParams, NodeSet, Robot, RobotParams, Scores, build_graph};
+use agent::{GraphParams, NodeSet, Objects, Robot, RobotParams, Scores, build_graph};
 use graph_align::{NodeId, SceneGraph, Vocabulary};
 use nalgebra::Isometry3;
 use scan3r::{Dataset, LabelSet};
@@ -127,8 +127,8 @@ pub fn run_visit(
     let start = (p.clocks.cpu)();
     robot.infer().map_err(pipeline)?;
     let set = robot.nodes().map_err(pipeline)?;
-    let scores = robot.scores(&set);
-    let (network, node_of) = graph_of(&set, &scores, p, false)?;
+    let objects = robot.objects(&set).map_err(pipeline)?;
+    let (network, node_of) = graph_of(&objects, p, false)?;
     cpu_s += (p.clocks.cpu)() - start;
     let scan_from_frame = frame_from_scan.inverse();
     let teacher = Teacher::new(data, &visit.scan, surface, p.labels)?;
@@ -138,10 +138,12 @@ pub fn run_visit(
     for &v in p.variants.iter().filter(|v| **v != Variant::Network) {
         let graph = match v {
             Variant::Network => continue,
-            Variant::Full => graph_of(&set, &scores, p, true)?.0,
-            Variant::Rules => graph_of(&set, &rule_scores(&set, p.labels), p, false)?.0,
-            Variant::Majority => graph_of(&set, &majority_scores(&set, p.labels), p, false)?.0,
-            Variant::OracleLabels => graph_of(&set, &taught_scores(&taught, p.labels), p, false)?.0,
+            Variant::Full => graph_of(&objects, p, true)?.0,
+            Variant::Rules => graph_of(&joined(&set, &rule_scores(&set, p.labels), p)?, p, false)?.0,
+            Variant::Majority => graph_of(&joined(&set, &majority_scores(&set, p.labels), p)?, p, false)?.0,
+            Variant::OracleLabels => {
+                graph_of(&joined(&set, &taught_scores(&taught, p.labels), p)?, p, false)?.0
+            }
             Variant::OracleSegments => true_segments(&robot, &teacher, &frame_from_scan, p)?,
         };
         graphs.insert(v, graph.quantised());
@@ -152,9 +154,15 @@ pub fn run_visit(
     Ok(Local { graphs, looked, instances, seen, cpu_s, world_s, wall_s, frames: count })
 }
 
+/// Objects by scores other than the robot's own.
+fn joined(set: &NodeSet, scores: &Scores, p: &LocalParams<'_>) -> Result<Objects, Error> {
+    let (_, predicates) = crate::samples::output_names(p.labels);
+    Objects::join(set, scores, &predicates, p.robot.graph.min_same_part, p.robot.nodes.gap)
+        .map_err(|e| Error::Pipeline(e.to_string()))
+}
+
 fn graph_of(
-    set: &NodeSet,
-    scores: &Scores,
+    objects: &Objects,
     p: &LocalParams<'_>,
     unnamed: bool,
 ) -> Result<(SceneGraph, Vec<Option<NodeId>>), Error> {
@@ -167,7 +175,7 @@ fn graph_of(
         ..p.robot.graph.clone()
     };
     let mut vocabulary = p.vocabulary.clone();
-    build_graph(set, scores, &classes, &predicates, &mut vocabulary, &g)
+    build_graph(objects, &classes, &predicates, &mut vocabulary, &g)
         .map_err(|e| Error::Pipeline(e.to_string()))
 }
 
@@ -216,7 +224,7 @@ fn true_segments(
         classes: (0..c.rows()).map(|k| c.row(k).to_vec()).collect(),
         predicates: (0..q.rows()).map(|k| q.row(k).to_vec()).collect(),
     };
-    Ok(graph_of(&set, &scores, p, false)?.0)
+    Ok(graph_of(&joined(&set, &scores, p)?, p, false)?.0)
 }
 
 /// The instance of a node is that of its largest segment.
