@@ -5,3 +5,4 @@
 
 pub mod building;
 pub mod cases;
+pub mod peers;

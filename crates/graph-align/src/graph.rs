@@ -122,6 +122,13 @@ impl SceneGraph {
         self.incoming.remove(&(e.t, e.s, e.p));
     }
 
+    /// Edges from one node to another, of every predicate.
+    pub(crate) fn edges_between(&self, s: NodeId, t: NodeId) -> impl Iterator<Item = Edge> + '_ {
+        self.edges
+            .range((s, t, PredicateId(0))..=(s, t, PredicateId(u16::MAX)))
+            .map(|(&(s, t, p), &score)| Edge { s, t, p, score })
+    }
+
     /// Takes out the edges from one node to another, of every predicate.
     pub(crate) fn remove_edges_between(&mut self, s: NodeId, t: NodeId) {
         let range = (s, t, PredicateId(0))..=(s, t, PredicateId(u16::MAX));

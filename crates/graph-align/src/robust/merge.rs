@@ -95,11 +95,7 @@ pub(crate) fn join_parts(
             graph.remove_node(gone);
             index.remove(gone);
             joined.push((gone, keep));
-            let swap = |n: NodeId| if n == gone { keep } else { n };
-            for e in edges {
-                // An edge between the two is no edge any more.
-                let _ = graph.insert_edge(Edge { s: swap(e.s), t: swap(e.t), ..e });
-            }
+            hand_over(graph, &edges, gone, keep);
             if let Some(node) = graph.node_mut(keep) {
                 if node.label != part.label {
                     fuse_classes(node, &part, params);
@@ -116,6 +112,27 @@ pub(crate) fn join_parts(
         }
     }
     joined
+}
+
+/// The edges of a node that is gone become those of another. Where both had edges with one node, those
+/// with the surest of them stay: two parts of an object have one relation with their neighbour.
+fn hand_over(graph: &mut SceneGraph, edges: &[Edge], gone: NodeId, keep: NodeId) {
+    let mut surest: BTreeMap<(NodeId, NodeId), f32> = BTreeMap::new();
+    let swap = |n: NodeId| if n == gone { keep } else { n };
+    for e in edges {
+        let best = surest.entry((swap(e.s), swap(e.t))).or_default();
+        *best = best.max(e.score);
+    }
+    for (&(s, t), &best) in &surest {
+        if graph.edges_between(s, t).any(|e| e.score >= best) {
+            continue;
+        }
+        graph.remove_edges_between(s, t);
+        for e in edges.iter().filter(|e| (swap(e.s), swap(e.t)) == (s, t)) {
+            // An edge between the two is no edge any more.
+            let _ = graph.insert_edge(Edge { s, t, ..*e });
+        }
+    }
 }
 
 /// (which stays, which goes) of the pair of a node and the neighbour that shares most with it.

@@ -94,7 +94,7 @@ impl Default for RobustParams {
             missing: 0.8,
             peaks: 16,
             prior_range: 1.5,
-            part: [0.75, 0.6, 0.7],
+            part: [0.6, 0.5, 0.7],
             sure: 0.8,
             patience: [1, 2],
             slack: 0.35,
