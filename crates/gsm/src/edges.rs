@@ -134,7 +134,8 @@ impl Test<'_> {
     fn put(&self, side: &mut [Lanes; 6], j: usize, i: usize, x: usize, y: usize) {
         let [nx, ny, nz] = self.frame.normal(i);
         (side[0][j], side[1][j], side[2][j]) = (nx, ny, nz);
-        (side[3][j], side[4][j], side[5][j]) = (self.frame.smooth[i], self.frame.ray_x[x], self.frame.ray_y[y]);
+        (side[3][j], side[4][j], side[5][j]) =
+            (self.frame.smooth[i], self.frame.ray_x[x], self.frame.ray_y[y]);
     }
 
     /// Whether the surface bends inwards or steps (1) between the two sides of each of the pixels from `i` on.

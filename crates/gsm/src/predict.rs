@@ -4,8 +4,8 @@
 //! to frame, the surfels in view know the depth better than the frame does, and the windows can be small.
 
 use crate::frame::dot;
-use crate::store::{Step, Store};
 use crate::project::{Lens, Seen, bits};
+use crate::store::{Step, Store};
 use crate::surfels::BLOCK;
 
 /// Standard deviation of a pose, as part of the gate's allowance for it.

@@ -88,9 +88,12 @@ impl Samples {
         let gate = Gate { frame, params, share: 1.0 / (pitch as f32).sqrt() };
         let (ray_x, ray_y) = (&self.ray_x, &self.ray_y);
         let band = BAND * w;
-        (self.list.par_chunks_mut(band), self.links.par_chunks_mut(band)).into_par_iter().enumerate().for_each(
-            |(b, (list, links))| {
-                for (y, (list, links)) in list.chunks_exact_mut(w).zip(links.chunks_exact_mut(w)).enumerate() {
+        (self.list.par_chunks_mut(band), self.links.par_chunks_mut(band))
+            .into_par_iter()
+            .enumerate()
+            .for_each(|(b, (list, links))| {
+                for (y, (list, links)) in list.chunks_exact_mut(w).zip(links.chunks_exact_mut(w)).enumerate()
+                {
                     let y = b * BAND + y;
                     if pitch == 1 {
                         let own = y * w..(y + 1) * w;
@@ -105,8 +108,7 @@ impl Samples {
                         *link &= if y + 1 < self.height { RIGHT | DOWN } else { RIGHT };
                     }
                 }
-            },
-        );
+            });
         self.region_size.clear();
         if pitch == 1 {
             self.region_size.extend_from_slice(&frame.region_size);

@@ -80,7 +80,8 @@ impl<'a> Gate<'a> {
     fn lanes(&self, hot: &mut HotBlock, seen: &Seen, under: &Under) -> Marks {
         // Copies on the stack, which the compiler knows to be apart.
         let Gate { raw, step: Step { params, samples, pose, .. }, .. } = *self;
-        let (parallel_cos, least_cos, spacing) = (params.gate_normal_cos, params.min_incidence_cos, samples.spacing);
+        let (parallel_cos, least_cos, spacing) =
+            (params.gate_normal_cos, params.min_incidence_cos, samples.spacing);
         let turn = *pose;
         let Seen { point, normal: own, .. } = *seen;
         let Under { z, smooth, normal: n, cos, tolerance, ray } = *under;
@@ -157,4 +158,3 @@ impl<'a> Gate<'a> {
         beyond >= 6
     }
 }
-
