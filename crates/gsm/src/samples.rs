@@ -193,6 +193,6 @@ impl Gate<'_> {
         let f = self.frame;
         let right = (middle..middle + pitch).all(|i| f.links.get(i).is_some_and(|l| l & RIGHT != 0));
         let down = (0..pitch).all(|k| f.links.get(middle + k * f.width).is_some_and(|l| l & DOWN != 0));
-        u8::from(right) * RIGHT | u8::from(down) * DOWN
+        (if right { RIGHT } else { 0 }) | (if down { DOWN } else { 0 })
     }
 }

@@ -154,8 +154,8 @@ fn what_is_evicted_comes_back_as_it_was() {
     let k = camera(WIDTH, HEIGHT);
     let mut map = Map::new(ideal()).unwrap();
     let frames: Vec<_> = (0..10).map(|i| render(&k, &pose(i), |_| 0.0, 1)).collect();
-    for i in 0..8 {
-        add(&mut map, k, &frames[i], pose(i), i);
+    for (i, depth) in frames.iter().take(8).enumerate() {
+        add(&mut map, k, depth, pose(i), i);
     }
     let whole = |m: &Map| {
         let mut all: Vec<_> = m
@@ -165,7 +165,8 @@ fn what_is_evicted_comes_back_as_it_was() {
             })
             .collect();
         all.sort_unstable();
-        let segments: Vec<_> = m.segments().map(|s| (s.id(), *s.moments())).collect();
+        // Moments may lag a millimetre behind the positions, and do not after a reload.
+        let segments: Vec<_> = m.segments().map(|s| (s.id(), s.surfels())).collect();
         (all, segments, m.visibility().cells())
     };
     let before = whole(&map);
@@ -185,6 +186,7 @@ fn what_is_evicted_comes_back_as_it_was() {
     assert_eq!((map.surfels().count(), map.segments().count()), (0, 0));
     assert_eq!(map.restore(evicted), 0);
     assert!(whole(&map) == before);
+    moments_equal_members(&map);
     // The map goes on as if nothing had happened.
     let events = add(&mut map, k, &frames[8], pose(8), 8);
     assert!(
