@@ -73,12 +73,14 @@ impl Map {
     /// lives on in the one that took it.
     pub fn restore(&mut self, evicted: Evicted) -> u32 {
         let mut lost = 0;
-        for part in evicted.bricks {
+        for part in &evicted.bricks {
             let known = self.store.bricks.find(part.key).is_some();
             if let Some(n) = self.store.bricks.find_or_make(part.key).filter(|_| !known) {
                 let brick = &mut self.store.bricks.list[n];
                 (brick.through, brick.surface) = (part.through, part.surface);
             }
+        }
+        for part in evicted.bricks {
             for (mut whole, name) in part.surfels {
                 whole.hot.segment =
                     if name == 0 { 0 } else { self.store.segments.reopen(SegmentId(name), self.now) + 1 };
