@@ -187,6 +187,7 @@ impl Map {
 
     fn count(&self, counts: &mut Counts) {
         counts.working_size = (self.frame.width as u32, self.frame.height as u32);
+        counts.samples = self.samples.list.len() as u32;
         counts.valid = self.frame.valid as u32;
         counts.regions = self.frame.region_size.len() as u32 - 1;
         counts.bricks = self.visible.len() as u32;

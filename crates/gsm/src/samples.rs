@@ -67,8 +67,9 @@ impl Samples {
         if self.source == Some(*working) {
             return;
         }
-        let mut pitch = 1;
-        while (working.width() / pitch) * (working.height() / pitch) > params.max_samples {
+        // Blocks do not outgrow the image.
+        let (w, h, mut pitch) = (working.width(), working.height(), 1);
+        while (w / pitch) * (h / pitch) > params.max_samples && 2 * pitch <= w.min(h) {
             pitch *= 2;
         }
         let camera = working.shrunk(pitch);

@@ -220,6 +220,31 @@ fn the_meter_tells_the_sensors_apart() {
     assert!(NoiseMeter::default().measured().is_none());
 }
 
+/// A map that learns a sample per block of 4×4 pixels holds about as many surfels as one of the small image, and
+/// they lie on the surfaces.
+#[test]
+fn samples_bound_the_surfels_of_large_images() {
+    let run = |width: u32, height: u32, params: Params| {
+        let k = camera(width, height);
+        let mut map = Map::new(params).unwrap();
+        for i in 0..6 {
+            add(&mut map, k, &render(&k, &pose(i), |_| 0.0, 1), pose(i), i);
+        }
+        map
+    };
+    let small = run(160, 120, ideal());
+    let large = run(640, 480, Params { max_pixels: 400_000, ..ideal() });
+    let (a, b) = (small.surfels().count(), large.surfels().count());
+    assert!(a.abs_diff(b) * 10 < a, "{a} {b}");
+    let off =
+        |p: &Point3<f32>| (p.z - 2.5).abs().min((p.y - 0.6).abs()).min((-0.8 * p.x + 0.6 * p.z - 2.0).abs());
+    let on = large.surfels().filter(|s| s.stable && off(&s.position) < 0.004).count();
+    let stable = large.surfels().filter(|s| s.stable).count();
+    assert!(on * 100 > stable * 98, "{on} of {stable}");
+    let sizes = |m: &Map| m.segments().filter(|s| s.surfels() > 500).count();
+    assert_eq!(sizes(&small), sizes(&large));
+}
+
 #[test]
 fn the_working_scale_can_change_between_frames() {
     let k = camera(320, 240);

@@ -51,8 +51,14 @@ impl Args {
         }
         let clean = WorldParams { sensor: SensorParams::clean(), ..WorldParams::default() };
         let truth = World::new(split, self.seed, self.rooms, &clean);
-        let real = World::new(split, self.seed, self.rooms, &WorldParams { sensor: noisy, ..WorldParams::default() });
-        for (name, world, profile) in [("clean", &truth, Profile::Ideal), ("noisy", &real, Profile::TofPhone)] {
+        let real = World::new(
+            split,
+            self.seed,
+            self.rooms,
+            &WorldParams { sensor: noisy, ..WorldParams::default() },
+        );
+        for (name, world, profile) in [("clean", &truth, Profile::Ideal), ("noisy", &real, Profile::TofPhone)]
+        {
             let params = pipeline::segmentation(profile);
             let counts: Vec<Fates> = truth
                 .generated()
@@ -89,9 +95,13 @@ impl Fates {
     }
 
     fn print(&self, name: &str) {
-        let share = |[all, gone]: [u64; 2]| format!("{:.2} % of {all}", 100.0 * gone as f64 / all.max(1) as f64);
+        let share =
+            |[all, gone]: [u64; 2]| format!("{:.2} % of {all}", 100.0 * gone as f64 / all.max(1) as f64);
         say(format!("{name}, first rescan integrated into the map of the reference visit; surfels gone:"));
-        say(format!("  of removed or moved objects, looked through in {FRAMES} frames: {}", share(self.through)));
+        say(format!(
+            "  of removed or moved objects, looked through in {FRAMES} frames: {}",
+            share(self.through)
+        ));
         say(format!("  of static objects in view: {}", share(self.seen)));
         say(format!("  occluded: {}", share(self.hidden)));
         say(format!("  out of view: {}", share(self.outside)));
@@ -177,7 +187,8 @@ fn moved(reference: &Scan, again: &Scan) -> BTreeMap<u32, Option<bool>> {
     let fate = |i: &room_synth::Instance| {
         let Some(now) = again.instance(i.id) else { return Some(true) };
         let (a, b) = (i.room_from_object, now.room_from_object);
-        let (shift, turn) = ((a.translation.vector - b.translation.vector).norm(), a.rotation.angle_to(&b.rotation));
+        let (shift, turn) =
+            ((a.translation.vector - b.translation.vector).norm(), a.rotation.angle_to(&b.rotation));
         match (shift, turn) {
             (s, t) if s < 0.005 && t < 0.01 => Some(false),
             (s, t) if s > 0.15 || t > 0.5 => Some(true),
