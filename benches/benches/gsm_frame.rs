@@ -1,6 +1,8 @@
 //! One frame into the surfel map of an analytic room: on one thread also stage by stage, with the bytes that each must
 //! touch beside a copy of as many bytes in the same run; at 640×480 on one thread and on two.
 
+#![allow(clippy::disallowed_methods, reason = "a bench times")]
+
 use criterion::{Criterion, Throughput};
 use gsm::{Counts, DepthView, Intrinsics, Map, NoiseModel, Params, Profile, Stage};
 use nalgebra::{Isometry3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
