@@ -1,7 +1,10 @@
-//! One frame into the surfel map of an analytic room, beside a copy of the frame's bytes. One thread.
+//! One frame into the surfel map of an analytic room: on one thread also stage by stage, with the bytes that each must
+//! touch beside a copy of as many bytes in the same run; at 640×480 on one thread and on two.
+
+#![allow(clippy::disallowed_methods, reason = "a bench times")]
 
 use criterion::{Criterion, Throughput};
-use gsm::{DepthView, Intrinsics, Map, NoiseModel, Params, Profile};
+use gsm::{Counts, DepthView, Intrinsics, Map, NoiseModel, Params, Profile, Stage};
 use nalgebra::{Isometry3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
 use std::hint::black_box;
 
@@ -54,15 +57,81 @@ fn render(k: &Intrinsics, pose: &Isometry3<f32>) -> Vec<f32> {
     (0..k.width() * k.height()).map(pixel).collect()
 }
 
-fn frames(c: &mut Criterion, width: u32, height: u32) -> Result<()> {
+/// Names of the stages, in order, and the bytes that each must touch per working pixel (p), per sample (s) and per
+/// visited surfel (v): what it reads and writes once, whatever the way it is computed.
+const STAGES: [(&str, [f64; 3]); 12] = [
+    // Depth in, z, inverse, slack and window out.
+    ("shrink", [4.0 + 18.0, 0.0, 0.0]),
+    ("look", [0.0; 3]),
+    ("predict", [0.0; 3]),
+    ("links", [4.0 + 4.0 + 1.0, 0.0, 0.0]),
+    // Links, windows and inverse in; plane, depth and cosine out.
+    ("normals", [1.0 + 1.0 + 4.0 + 20.0, 0.0, 0.0]),
+    ("edges", [16.0 + 5.0 + 4.0 + 1.0, 0.0, 0.0]),
+    ("regions", [1.0 + 1.0 + 4.0, 0.0, 0.0]),
+    ("samples", [0.0, 32.0 + 32.0, 0.0]),
+    // Hot halves in and out, a sample and a hit each.
+    ("associate", [0.0, 32.0 + 12.0, 40.0 + 40.0]),
+    ("vote", [0.0, 12.0 + 32.0 + 8.0, 0.0]),
+    ("fuse", [0.0, 12.0 + 32.0, 12.0]),
+    ("merge", [0.0; 3]),
+];
+
+/// Nanoseconds per byte of copying a block of this size: what touching the memory alone costs, in this run.
+fn copy_ns_per_byte(bytes: usize) -> f64 {
+    let (from, mut to) = (vec![1u8; bytes.max(4096)], vec![0u8; bytes.max(4096)]);
+    let mut times: Vec<f64> = (0..40)
+        .map(|_| {
+            let start = std::time::Instant::now();
+            to.copy_from_slice(black_box(&from));
+            black_box(&mut to);
+            start.elapsed().as_secs_f64() * 1e9 / (2 * from.len()) as f64
+        })
+        .collect();
+    times.sort_by(f64::total_cmp);
+    times[times.len() / 2]
+}
+
+/// Prints per stage the median time, the bytes that must be touched, what a copy of as many bytes takes, and the
+/// ratio of the two.
+fn stages(name: &str, step: &mut impl FnMut(&mut dyn FnMut(Stage)) -> Counts) {
+    let mut times: Vec<[f64; STAGES.len()]> = Vec::new();
+    let mut counts = Counts::default();
+    for _ in 0..FRAMES {
+        let mut row = [0.0; STAGES.len()];
+        let mut last = std::time::Instant::now();
+        counts = step(&mut |stage| {
+            row[stage as usize] += last.elapsed().as_secs_f64() * 1e6;
+            last = std::time::Instant::now();
+        });
+        times.push(row);
+    }
+    let pixels = f64::from(counts.working_size.0) * f64::from(counts.working_size.1);
+    let amounts = [pixels, f64::from(counts.samples), f64::from(counts.visited)];
+    eprintln!("{name}: stage, median microseconds, bytes, a copy's microseconds, ratio");
+    let (mut all, mut floor) = (0.0, 0.0);
+    for (k, (stage, per)) in STAGES.iter().enumerate() {
+        let mut column: Vec<f64> = times.iter().map(|r| r[k]).collect();
+        column.sort_by(f64::total_cmp);
+        let (time, bytes) =
+            (column[column.len() / 2], per.iter().zip(amounts).map(|(a, b)| a * b).sum::<f64>());
+        // A copy reads one half and writes the other.
+        let copy = copy_ns_per_byte(bytes as usize / 2) * bytes * 1e-3;
+        (all, floor) = (all + time, floor + copy);
+        let ratio = if bytes > 0.0 { format!("{:.1}", time / copy) } else { "-".into() };
+        eprintln!("  {stage:<10} {time:>8.1} {bytes:>10.0} {copy:>8.1} {ratio:>6}");
+    }
+    eprintln!("  {:<10} {all:>8.1} {:>10} {floor:>8.1} {:>6.1}", "all", "", all / floor);
+}
+
+fn frames(c: &mut Criterion, (width, height): (u32, u32), noise: NoiseModel, threads: usize) -> Result<()> {
     let (w, h) = (width as f32, height as f32);
     let k = Intrinsics::new(0.7 * w, 0.7 * w, (w - 1.0) / 2.0, (h - 1.0) / 2.0, width, height)?;
     let images: Vec<Vec<f32>> = (0..FRAMES).map(|i| render(&k, &pose(i))).collect();
-    let noise = NoiseModel::of(Profile::Ideal);
     // Worked at full size: the default would halve the larger image.
     let mut map = Map::new(Params { noise, max_pixels: width * height, ..Params::default() })?;
     let mut next = 0;
-    let mut step = |map: &mut Map| {
+    let mut step = |done: &mut dyn FnMut(Stage)| {
         let i = next % FRAMES;
         let view = DepthView {
             depth: &images[i],
@@ -71,38 +140,41 @@ fn frames(c: &mut Criterion, width: u32, height: u32) -> Result<()> {
             time: 0.2 * next as f64,
         };
         next += 1;
-        map.integrate(&view)
+        map.integrate_observed(&view, done).counts
     };
     // Two turns fill the map; what is measured is a frame of a room that is known.
-    let filled = (0..2 * FRAMES).map(|_| step(&mut map)).last().unwrap_or_default();
+    let filled = (0..2 * FRAMES).map(|_| step(&mut |_| ())).last().unwrap_or_default();
+    let name = format!("gsm {width}x{height}, {threads} threads");
     eprintln!(
-        "{width} x {height}: working size {:?}, {} surfels, {} segments before the first measured frame",
-        filled.counts.working_size, filled.counts.surfels, filled.counts.segments
+        "{name}: working size {:?}, {} samples, {} surfels, {} segments before the first measured frame",
+        filled.working_size, filled.samples, filled.surfels, filled.segments
     );
-
-    let mut g = c.benchmark_group(format!("gsm {width}x{height}"));
+    if threads == 1 {
+        stages(&name, &mut step);
+    }
+    let mut g = c.benchmark_group(name);
     g.throughput(Throughput::Bytes(4 * u64::from(width * height)));
-    g.bench_function("integrate", |b| b.iter(|| step(&mut map)));
-    let (mut to, mut from) = (vec![0.0_f32; images[0].len()], 0);
-    g.bench_function("copy of the frame", |b| {
-        b.iter(|| {
-            to.copy_from_slice(black_box(&images[from % FRAMES]));
-            from += 1;
-            black_box(&mut to);
-        });
-    });
+    g.bench_function("integrate", |b| b.iter(|| step(&mut |_| ())));
     g.finish();
     Ok(())
 }
 
-fn run() -> Result<()> {
+fn run(threads: usize) -> Result<()> {
     let mut c = Criterion::default().configure_from_args();
-    frames(&mut c, 160, 120)?;
-    frames(&mut c, 320, 240)?;
+    let ideal = NoiseModel::of(Profile::Ideal);
+    if threads == 1 {
+        frames(&mut c, (160, 120), ideal, threads)?;
+        frames(&mut c, (224, 172), NoiseModel::of(Profile::TofPhone), threads)?;
+        frames(&mut c, (320, 240), ideal, threads)?;
+    }
+    frames(&mut c, (640, 480), ideal, threads)?;
     c.final_summary();
     Ok(())
 }
 
 fn main() -> Result<()> {
-    rayon::ThreadPoolBuilder::new().num_threads(1).build()?.install(run)
+    for threads in [1, 2] {
+        rayon::ThreadPoolBuilder::new().num_threads(threads).build()?.install(|| run(threads))?;
+    }
+    Ok(())
 }

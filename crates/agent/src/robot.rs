@@ -272,6 +272,16 @@ impl<'m> Robot<'m> {
         crate::looked::looked(&self.map, &self.turn)
     }
 
+    /// Most pixels of the working resolution.
+    pub fn max_pixels(&self) -> u32 {
+        self.map.params().max_pixels
+    }
+
+    /// Changes the working resolution from the next frame on.
+    pub fn set_max_pixels(&mut self, pixels: u32) {
+        self.map.set_max_pixels(pixels);
+    }
+
     /// The surfel map.
     #[must_use]
     pub fn map(&self) -> &Map {

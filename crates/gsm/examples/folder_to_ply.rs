@@ -2,7 +2,7 @@
 //!
 //! `cargo run --release -p ma3dsg-gsm --example folder_to_ply -- DIR OUT.ply [options]`
 //! options: `--pixels N` (working pixels), `--noise structured|tof|ideal`, `--reverse`, `--passes N`,
-//! `--turn SEED` (poses pre-multiplied by a random rigid transform), `--threads N` (default 1), `--set FIELD=VALUE`.
+//! `--turn SEED` (poses pre-multiplied by a random rigid transform), `--threads N` (default 1), `--coverage` (share of voxels hit), `--set FIELD=VALUE`.
 //! Times are CPU of all threads, and wall.
 #![allow(clippy::print_stdout, reason = "a command-line example")]
 
@@ -73,7 +73,48 @@ fn run(options: &Options) -> Result<()> {
         map.visibility().cells().len(),
         estimate_up(&map).map(|u| (world.rotation.inverse() * u).data.0)
     );
+    if options.coverage {
+        let [all, own, near] = coverage(&cached, intrinsics, &map);
+        println!(
+            "{all} voxels of 2 cm hit by two or more valid depths: a surfel in {:.1} %, in it or a neighbour {:.1} %",
+            100.0 * own as f64 / all.max(1) as f64,
+            100.0 * near as f64 / all.max(1) as f64
+        );
+    }
     write_ply(&options.out, &map, &world.inverse())
+}
+
+/// Voxels of 2 cm that two or more valid depths hit, those that hold a stable surfel, and those that have one within
+/// the 27 around.
+fn coverage(frames: &[(Vec<f32>, Isometry3<f32>)], k: Intrinsics, map: &Map) -> [usize; 3] {
+    let (near, far) = (map.params().min_depth, map.params().max_depth);
+    let key = |p: nalgebra::Point3<f32>| [p.x, p.y, p.z].map(|v| (v / 0.02).floor() as i16);
+    let mut hit: Vec<[i16; 3]> = Vec::new();
+    let mut all: Vec<[i16; 3]> = Vec::new();
+    for (depth, pose) in frames {
+        for (i, &z) in depth.iter().enumerate().filter(|(_, z)| **z >= near && **z <= far) {
+            let (x, y) = ((i % k.width() as usize) as f32, (i / k.width() as usize) as f32);
+            hit.push(key(
+                pose * nalgebra::Point3::new((x - k.cx()) / k.fx() * z, (y - k.cy()) / k.fy() * z, z)
+            ));
+        }
+        hit.sort_unstable();
+        all.extend(hit.chunk_by(|a, b| a == b).filter(|run| run.len() > 1).map(|run| run[0]));
+        hit.clear();
+        if all.len() > 4_000_000 {
+            all.sort_unstable();
+            all.dedup();
+        }
+    }
+    all.sort_unstable();
+    all.dedup();
+    let mut held: Vec<[i16; 3]> = map.surfels().filter(|s| s.stable).map(|s| key(s.position)).collect();
+    held.sort_unstable();
+    let holds = |k: [i16; 3]| held.binary_search(&k).is_ok();
+    let own = all.iter().filter(|k| holds(**k)).count();
+    let about =
+        |k: &[i16; 3]| (0..27).any(|i| holds([k[0] + i / 9 - 1, k[1] + i / 3 % 3 - 1, k[2] + i % 3 - 1]));
+    [all.len(), own, all.iter().filter(|k| about(k)).count()]
 }
 
 struct Options {
@@ -84,6 +125,7 @@ struct Options {
     turn: Option<u64>,
     passes: usize,
     threads: usize,
+    coverage: bool,
     verbose: bool,
     frame: Option<PathBuf>,
     last: usize,
@@ -105,6 +147,7 @@ impl Options {
             turn: None,
             passes: 1,
             threads: 1,
+            coverage: false,
             verbose: false,
             frame: None,
             last: usize::MAX,
@@ -118,6 +161,7 @@ impl Options {
                 "--pixels" => o.params.max_pixels = args.next().ok_or(usage)?.parse()?,
                 "--turn" => o.turn = Some(args.next().ok_or(usage)?.parse()?),
                 "--passes" => o.passes = args.next().ok_or(usage)?.parse()?,
+                "--coverage" => o.coverage = true,
                 "--threads" => o.threads = args.next().ok_or(usage)?.parse()?,
                 "--noise" => {
                     o.params.noise = NoiseModel::of(match args.next().ok_or(usage)?.as_str() {

@@ -58,6 +58,8 @@ pub enum Skip {
 pub struct Counts {
     /// Working columns and rows.
     pub working_size: (u32, u32),
+    /// Samples that the map learns from: pixels, or blocks of pixels.
+    pub samples: u32,
     /// Working pixels with valid depth.
     pub valid: u32,
     /// Regions found in the frame.

@@ -95,12 +95,12 @@ impl Frame {
 
     /// Sizes all maps for a camera; cheap when it is the camera of the last frame.
     pub(crate) fn fit(&mut self, source: &Intrinsics, params: &Params) {
-        if self.source == Some(*source) {
-            return;
-        }
         let mut factor = 1;
         while (source.width() / factor) * (source.height() / factor) > params.max_pixels {
             factor *= 2;
+        }
+        if self.source == Some(*source) && self.factor == factor {
+            return;
         }
         let camera = source.shrunk(factor);
         let (w, h) = (camera.width() as usize, camera.height() as usize);

@@ -26,17 +26,21 @@
 
 mod associate;
 mod bricks;
+mod budget;
 mod camera;
 mod components;
+mod correct;
 mod edges;
 mod error;
 mod event;
+mod evict;
 mod frame;
 mod fuse;
 mod gravity;
 mod lanes;
 mod links;
 mod map;
+mod measure;
 mod merge;
 mod moments;
 mod noise;
@@ -55,11 +59,15 @@ mod surfels;
 mod visibility;
 mod vote;
 
+pub use budget::Budget;
 pub use camera::{DepthView, Intrinsics, MAX_SIDE};
+pub use correct::Corrected;
 pub use error::Error;
 pub use event::{Counts, FrameReport, SegmentEvent, SegmentId, Skip};
+pub use evict::Evicted;
 pub use gravity::{estimate_up, estimate_up_near};
 pub use map::{Map, Stage};
+pub use measure::{Measured, NoiseMeter};
 pub use moments::{Moments, UNIT};
 pub use noise::{NoiseModel, Profile};
 pub use params::Params;

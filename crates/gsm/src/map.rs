@@ -52,20 +52,22 @@ pub enum Stage {
 /// A growing surfel map with segments. All state of a recording; one per robot.
 #[derive(Debug)]
 pub struct Map {
-    params: Params,
+    pub(crate) params: Params,
     frame: Frame,
     samples: Samples,
     pub(crate) store: Store,
+    /// Times of the frames, the first one unused.
+    pub(crate) times: Vec<f64>,
     prediction: Prediction,
     association: Association,
     votes: Votes,
-    merges: Merges,
+    pub(crate) merges: Merges,
     splits: Splits,
-    visible: Vec<u32>,
+    pub(crate) visible: Vec<u32>,
     /// Frames integrated.
-    now: u32,
-    last_centre: Option<[f32; 3]>,
-    sweep: usize,
+    pub(crate) now: u32,
+    pub(crate) last_centre: Option<[f32; 3]>,
+    pub(crate) sweep: usize,
 }
 
 impl Map {
@@ -81,6 +83,7 @@ impl Map {
             frame: Frame::default(),
             samples: Samples::default(),
             store: Store { surfels: Surfels::default(), bricks, segments: Segments::default() },
+            times: vec![f64::NAN],
             prediction: Prediction::default(),
             association: Association::default(),
             votes: Votes::default(),
@@ -115,7 +118,7 @@ impl Map {
             return report;
         }
         let pose = Pose::new(&view.world_from_camera);
-        report.jumped = self.begin(&pose);
+        report.jumped = self.begin(&pose, view.time);
         let (counts, events) = (&mut report.counts, &mut report.events);
 
         // What the map expects to see.
@@ -170,11 +173,12 @@ impl Map {
     }
 
     /// Counts the frame; true when the camera jumped.
-    fn begin(&mut self, pose: &Pose) -> bool {
+    fn begin(&mut self, pose: &Pose, time: f64) -> bool {
         if self.now == 0 {
             self.store.segments.origin = pose.centre;
         }
         self.now += 1;
+        self.times.push(time);
         let last = self.last_centre.replace(pose.centre);
         last.is_some_and(|c| {
             (0..3).map(|k| (c[k] - pose.centre[k]).powi(2)).sum::<f32>() > self.params.jump.powi(2)
@@ -183,6 +187,7 @@ impl Map {
 
     fn count(&self, counts: &mut Counts) {
         counts.working_size = (self.frame.width as u32, self.frame.height as u32);
+        counts.samples = self.samples.list.len() as u32;
         counts.valid = self.frame.valid as u32;
         counts.regions = self.frame.region_size.len() as u32 - 1;
         counts.bricks = self.visible.len() as u32;
@@ -207,6 +212,11 @@ impl Map {
     /// Edge pixels of the last integrated frame, like [`frame_segments`](Self::frame_segments).
     pub fn frame_edges(&self) -> (usize, Vec<bool>) {
         (self.frame.width, self.frame.edge.iter().map(|&e| e != 0).collect())
+    }
+
+    /// Changes [`Params::max_pixels`] from the next frame on; see [`Budget`](crate::Budget).
+    pub fn set_max_pixels(&mut self, pixels: u32) {
+        self.params.max_pixels = pixels.clamp(1, 1 << 30);
     }
 
     /// The parameters it was made with.

@@ -67,8 +67,9 @@ impl Samples {
         if self.source == Some(*working) {
             return;
         }
-        let mut pitch = 1;
-        while (working.width() / pitch) * (working.height() / pitch) > params.max_samples {
+        // Blocks do not outgrow the image.
+        let (w, h, mut pitch) = (working.width(), working.height(), 1);
+        while (w / pitch) * (h / pitch) > params.max_samples && 2 * pitch <= w.min(h) {
             pitch *= 2;
         }
         let camera = working.shrunk(pitch);
@@ -193,6 +194,6 @@ impl Gate<'_> {
         let f = self.frame;
         let right = (middle..middle + pitch).all(|i| f.links.get(i).is_some_and(|l| l & RIGHT != 0));
         let down = (0..pitch).all(|k| f.links.get(middle + k * f.width).is_some_and(|l| l & DOWN != 0));
-        u8::from(right) * RIGHT | u8::from(down) * DOWN
+        (if right { RIGHT } else { 0 }) | (if down { DOWN } else { 0 })
     }
 }

@@ -3,6 +3,7 @@
 use crate::event::{SegmentEvent, SegmentId};
 use crate::moments::{Moments, UNIT};
 use crate::surfels::{Cold, Surfels};
+use std::collections::BTreeMap;
 
 /// A segment; `slot` in the tables, `id` to the outside, id 0 = the slot is free.
 #[derive(Debug, Clone, Default)]
@@ -26,6 +27,8 @@ pub(crate) struct Segments {
     issued: u32,
     /// Slots touched in this frame, for change events.
     touched: Vec<u32>,
+    /// Ids that were merged away, and into which.
+    merged: BTreeMap<u32, u32>,
     /// World point of the integer coordinates' zero, metres.
     pub(crate) origin: [f32; 3],
 }
@@ -55,6 +58,38 @@ impl Segments {
         let record = &mut self.slots[slot as usize];
         *record = Record::default();
         self.free.push(slot);
+    }
+
+    /// Closes the touched slots that are empty, without an event.
+    pub(crate) fn close_empty(&mut self) {
+        for slot in std::mem::take(&mut self.touched) {
+            let record = &self.slots[slot as usize];
+            if record.id != 0 && record.members.is_empty() {
+                self.close(slot);
+            }
+        }
+    }
+
+    /// The slot of a segment that was open before, or of the one that it was merged into; opened again if need be.
+    pub(crate) fn reopen(&mut self, id: SegmentId, frame: u32) -> u32 {
+        let mut id = id.0;
+        while let Some(&into) = self.merged.get(&id) {
+            id = into;
+        }
+        if let Some(slot) = self.slots.iter().position(|r| r.id == id) {
+            return slot as u32;
+        }
+        let record = Record { id, born: frame, ..Record::default() };
+        match self.free.pop() {
+            Some(slot) => {
+                self.slots[slot as usize] = record;
+                slot
+            }
+            None => {
+                self.slots.push(record);
+                self.slots.len() as u32 - 1
+            }
+        }
     }
 
     pub(crate) fn is_open(&self, slot: u32) -> bool {
@@ -151,6 +186,7 @@ impl Segments {
             *surfels.segment_mut(id) = 0;
             self.relabel(surfels, id, into + 1);
         }
+        self.merged.insert(self.slots[from as usize].id, self.slots[into as usize].id);
         self.close(from);
     }
 

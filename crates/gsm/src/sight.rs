@@ -131,10 +131,8 @@ impl<'a> Gate<'a> {
         }
         (hot.position, hot.normal, hot.radius, hot.confidence) = (position, normal, radius, confidence);
         let mut all = [0; 4];
-        for c in 0..4 {
-            for k in 0..BLOCK {
-                all[c] |= marks[c][k];
-            }
+        for (all, marks) in all.iter_mut().zip(&marks) {
+            marks.iter().for_each(|m| *all |= m);
         }
         let [seen, before, stray, fused] = all;
         Marks { seen, before, stray, fused, distance }

@@ -2,6 +2,7 @@
 //!
 //! A block holds surfels of one brick only, so that visiting a brick streams through memory.
 
+use crate::correct::Whole;
 use crate::store::Step;
 
 /// What projection and association read of one surfel: 32 bytes, world frame, metres.
@@ -55,7 +56,7 @@ impl HotBlock {
     }
 }
 
-/// The rest: 24 bytes.
+/// The rest: 28 bytes.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Cold {
     /// Frame of the last sighting as long as it was unstable.
@@ -66,6 +67,8 @@ pub(crate) struct Cold {
     pub(crate) place: u32,
     /// Tag of a part that may be split off, 0 = none.
     pub(crate) tag: u32,
+    /// Number of the frame that made it.
+    pub(crate) made: u32,
 }
 
 impl Cold {
@@ -125,7 +128,7 @@ impl Surfels {
         block.used |= 1 << bit;
         let id = block.first + bit;
         self.set_hot(id, &hot);
-        self.cold[id as usize] = Cold { seen: now, ..Cold::default() };
+        self.cold[id as usize] = Cold { seen: now, made: now, ..Cold::default() };
         let (block, k) = self.place(id);
         block.unstable |= 1 << k;
         (block.confidence[k], block.label_confidence[k]) = (1.0, 0);
@@ -202,6 +205,39 @@ impl Surfels {
         let block = &self.hot[first as usize / BLOCK];
         let worn = (0..BLOCK).fold(0, |m, k| m | u16::from(block.confidence[k] < 0.0) << k);
         block.unstable | worn
+    }
+
+    /// Brick of a surfel.
+    pub(crate) fn brick(&self, id: u32) -> u32 {
+        self.hot[id as usize / BLOCK].brick
+    }
+
+    /// Gives blocks to another brick.
+    pub(crate) fn adopt(&mut self, blocks: &[Block], brick: u32) {
+        blocks.iter().for_each(|b| self.hot[b.first as usize / BLOCK].brick = brick);
+    }
+
+    /// All that is known of a surfel.
+    pub(crate) fn whole(&self, id: u32) -> Whole {
+        let label_confidence = self.hot[id as usize / BLOCK].label_confidence[id as usize % BLOCK];
+        Whole {
+            hot: self.hot(id),
+            cold: self.cold[id as usize],
+            confidence: self.confidence(id),
+            label_confidence,
+            stable: self.is_stable(id),
+        }
+    }
+
+    /// Gives a new surfel the history of another one; label and position are left alone.
+    pub(crate) fn recall(&mut self, id: u32, whole: &Whole) {
+        let cold = &mut self.cold[id as usize];
+        (cold.seen, cold.made) = (whole.cold.seen, whole.cold.made);
+        let (block, k) = self.place(id);
+        (block.confidence[k], block.label_confidence[k]) = (whole.confidence, whole.label_confidence);
+        if whole.stable {
+            block.unstable &= !(1 << k);
+        }
     }
 
     /// Unstable and not seen for long.

@@ -4,6 +4,7 @@ mod align;
 mod bench;
 mod check;
 mod eval;
+mod eval_map;
 mod eval_seg;
 mod export;
 mod infer;
@@ -44,6 +45,8 @@ pub(crate) enum Command {
     EvalInstances(eval::Args),
     /// The segmentation on generated rooms with truth, noise-free and noisy.
     EvalSeg(eval_seg::Args),
+    /// The map over time on generated rooms: what goes when things are moved, and what a long walk costs.
+    EvalMap(eval_map::Args),
     /// Write training samples from generated rooms.
     Samples(samples::Args),
 }
@@ -64,6 +67,7 @@ impl Command {
             Self::Infer(a) => a.run(),
             Self::EvalInstances(a) => a.run(),
             Self::EvalSeg(a) => a.run(),
+            Self::EvalMap(a) => a.run(),
             Self::Samples(a) => a.run(),
         }
     }

@@ -9,14 +9,17 @@ use agent::{Robot, RobotParams};
 use anyhow::{Context, Result};
 use graph_align::Vocabulary;
 use graph_align::json::{GraphFile, row_major};
-use gsm::SegmentId;
+use gsm::{Budget, DepthView, Measured, NoiseMeter, NoiseModel, Profile, SegmentId};
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
-use scan3r::{Format, Recording};
+use scan3r::{Format, Frame, Recording};
 use serde_json::json;
 use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::path::PathBuf;
 use std::process::ExitCode;
+
+/// Frames on which the sensor's noise is measured.
+const MEASURED: usize = 10;
 
 #[derive(clap::Args)]
 pub(crate) struct Args {
@@ -25,9 +28,12 @@ pub(crate) struct Args {
     /// 3rscan, 7scenes, tum, or auto.
     #[arg(long, default_value = "auto", value_parser = ["auto", "3rscan", "7scenes", "tum"])]
     format: String,
-    /// Depth sensor: structured light, time of flight, rendered; auto follows the format.
-    #[arg(long, default_value = "auto", value_parser = ["auto", "tof", "structured", "ideal"])]
+    /// Depth sensor: structured light, time of flight, rendered; auto follows the format, measured the first frames.
+    #[arg(long, default_value = "auto", value_parser = ["auto", "measured", "tof", "structured", "ideal"])]
     noise: String,
+    /// Milliseconds per frame for the segmentation: the working resolution follows from it.
+    #[arg(long, value_name = "MS", conflicts_with = "scale")]
+    budget_ms: Option<f64>,
     /// Working resolution as a share of the image's sides (1, 0.5, 0.25), or auto: about 160x120.
     #[arg(long, default_value = "auto")]
     scale: String,
@@ -45,13 +51,17 @@ impl Args {
         let recording = Recording::open(&self.dir, Format::parse(&self.format))?;
         recording.notes().iter().for_each(|n| eprintln!("note: {n}"));
         let (format, total, has_gravity) = (recording.format(), recording.len(), recording.has_gravity());
-        let (profile, noise) = self.profile(format);
+        let mut frames = recording.into_frames();
+        let head: Vec<_> = frames.by_ref().take(MEASURED).collect();
+        let measured = measure(&head);
+        let (model, noise) = self.noise(format, measured.as_ref());
         let mut csv = "frame,ms_segment,ms_infer,surfels,active_surfels,segments\n".to_owned();
         let (mut robot, mut skipped, mut failure): (Option<Robot<'_>>, usize, Option<scan3r::Error>) =
             (None, 0, None);
         let mut last_row = 0;
         let progress = Progress::new("frames", total as u64);
-        for frame in recording.into_frames() {
+        let mut budget = None;
+        for frame in head.into_iter().chain(frames) {
             let frame = match frame {
                 Ok(f) => f,
                 Err(e) => {
@@ -61,7 +71,7 @@ impl Args {
             };
             let robot = match &mut robot {
                 Some(r) => r,
-                none => none.insert(self.robot(&weights, profile, has_gravity, frame.depth.len())?),
+                none => none.insert(self.robot(&weights, model, has_gravity, frame.depth.len())?),
             };
             let start = clock::cpu_seconds();
             let report = robot.segment(&frame);
@@ -70,6 +80,11 @@ impl Args {
                 robot.infer()?;
             }
             let inferred = clock::cpu_seconds();
+            if let Some(ms) = self.budget_ms {
+                let new = || Budget::new(ms * 1e-3, frame.depth.len() as u32, robot.max_pixels());
+                let pixels = budget.get_or_insert_with(new).spent(segmented - start);
+                robot.set_max_pixels(pixels);
+            }
             skipped += usize::from(report.skipped.is_some());
             last_row = csv.len();
             let c = report.counts;
@@ -92,7 +107,7 @@ impl Args {
                 failure.map_or_else(|| anyhow::anyhow!("{}: no frame", self.dir.display()), Into::into)
             );
         };
-        self.finish(robot, &weights, csv, last_row, has_gravity, noise, (total, skipped))?;
+        self.finish(robot, &weights, csv, last_row, has_gravity, &noise, (total, skipped))?;
         match failure {
             // What came before is written; the run still failed.
             Some(e) => Err(e).context("stopped early; what was read before is written"),
@@ -100,22 +115,38 @@ impl Args {
         }
     }
 
-    fn profile(&self, format: Format) -> (gsm::Profile, &'static str) {
-        match (self.noise.as_str(), format) {
-            ("tof", _) | ("auto", Format::ThreeRScan) => (gsm::Profile::TofPhone, "tof"),
-            ("ideal", _) => (gsm::Profile::Ideal, "ideal"),
-            _ => (gsm::Profile::Structured, "structured"),
-        }
+    /// The noise model to be used, and where it comes from beside what was measured.
+    fn noise(&self, format: Format, measured: Option<&Measured>) -> (NoiseModel, String) {
+        let given = match (self.noise.as_str(), format) {
+            ("tof", _) | ("auto" | "measured", Format::ThreeRScan) => Profile::TofPhone,
+            ("ideal", _) => Profile::Ideal,
+            _ => Profile::Structured,
+        };
+        let name = |p: Profile| match p {
+            Profile::TofPhone => "tof",
+            Profile::Ideal => "ideal",
+            Profile::Structured => "structured",
+        };
+        let Some(m) = measured else { return (NoiseModel::of(given), name(given).to_owned()) };
+        let model = if self.noise == "measured" { m.model } else { NoiseModel::of(given) };
+        let seen = format!(
+            "measured on {} frames: {} x {:.2}, depth steps of {:.1} mm",
+            m.frames,
+            name(m.model.profile),
+            m.ratio,
+            m.step * 1e3
+        );
+        (model, format!("{} x {:.2} ({seen})", name(model.profile), model.scale))
     }
 
     fn robot<'m>(
         &self,
         weights: &'m Weights,
-        profile: gsm::Profile,
+        noise: NoiseModel,
         has_gravity: bool,
         pixels: usize,
     ) -> Result<Robot<'m>> {
-        let mut segmentation = pipeline::segmentation(profile);
+        let mut segmentation = gsm::Params { noise, ..gsm::Params::default() };
         if self.scale != "auto" {
             let s: f32 = self.scale.parse().ok().filter(|s| (0.01..=1.0).contains(s)).with_context(|| {
                 format!("--scale {:?}, want auto or a share of the image's sides up to 1", self.scale)
@@ -201,6 +232,19 @@ impl Args {
         }
         Ok(())
     }
+}
+
+/// What the first frames say of the sensor.
+fn measure(frames: &[std::result::Result<Frame, scan3r::Error>]) -> Option<Measured> {
+    let mut meter = NoiseMeter::default();
+    for frame in frames.iter().flatten() {
+        let k = frame.intrinsics;
+        if let Ok(intrinsics) = gsm::Intrinsics::new(k.fx, k.fy, k.cx, k.cy, k.width, k.height) {
+            let world_from_camera = Isometry3::identity();
+            meter.add(&DepthView { depth: &frame.depth, intrinsics, world_from_camera, time: frame.time });
+        }
+    }
+    meter.measured()
 }
 
 /// The rotation that turns `up` to +z.
