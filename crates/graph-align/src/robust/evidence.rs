@@ -173,7 +173,7 @@ impl<'a> Scene<'a> {
             let a = (q.size.all - r.size.all) / SIZE_NOISE[2];
             SIZE_SPREAD / SIZE_NOISE[2] * (-0.5 * a * a).exp()
         };
-        label.ln() + place.ln() + (0.9 * high + 0.1).ln() + (0.8 * size + 0.2).ln()
+        (label * place * (0.9 * high + 0.1) * (0.8 * size + 0.2)).ln()
     }
 
     /// `sum p_q(c) p_r(c) / pi(c)` over the classes that either names.

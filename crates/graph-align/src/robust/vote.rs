@@ -5,12 +5,15 @@ use super::{RobustParams, Work};
 use crate::fit;
 use nalgebra::{Isometry3, Point3, Vector3};
 use std::collections::BTreeMap;
+use std::f32::consts::{FRAC_PI_2, PI, TAU};
 
 /// Bins of yaw in a full turn.
 const YAWS: i32 = 30;
 /// Side of the bins of the place where the query's centre lands, horizontal and vertical, metres.
 const PLACE: f32 = 0.8;
 const HEIGHT: f32 = 1.0;
+/// Peaks that are tried around a prior.
+const PRIOR_PEAKS: usize = 4;
 /// Bins whose surroundings are summed up.
 const BEST_BINS: usize = 160;
 /// Pairs nearer than this tell too little about yaw, metres.
@@ -33,8 +36,75 @@ type Bin = [i32; 4];
 /// The bin of a yaw and of the place where the query's centre lands.
 fn bin_of(yaw: f32, at: &Point3<f32>) -> Bin {
     let place = |v: f32, side: f32| (v / side).floor() as i32;
-    let turn = (yaw.rem_euclid(std::f32::consts::TAU) / std::f32::consts::TAU * YAWS as f32) as i32;
-    [turn.min(YAWS - 1), place(at.x, PLACE), place(at.y, PLACE), place(at.z, HEIGHT)]
+    let turn = (yaw / TAU * YAWS as f32) as i32;
+    [turn.clamp(0, YAWS - 1), place(at.x, PLACE), place(at.y, PLACE), place(at.z, HEIGHT)]
+}
+
+/// Angle of (x, y) in 0 to a full turn, to 0.005: bins are forty times as wide. A polynomial, so that it
+/// is fast and the same on every machine.
+fn angle(y: f32, x: f32) -> f32 {
+    let (ax, ay) = (x.abs(), y.abs());
+    let a = ax.min(ay) / ax.max(ay).max(1e-30);
+    let r = a * (0.9724 - 0.1919 * a * a);
+    let r = if ay > ax { FRAC_PI_2 - r } else { r };
+    let r = if x < 0.0 { PI - r } else { r };
+    if y < 0.0 { TAU - r } else { r }
+}
+
+/// Hits in the order of their bins, bins as numbers that rise with [yaw, x, y, z].
+struct Sorted {
+    /// Bin and place in the list of hits.
+    order: Vec<(u64, u32)>,
+    /// Bin, summed weight, and where it begins in `order`.
+    bins: Vec<(u64, u64, u32)>,
+}
+
+/// A bin as a number: 16 bits each for the places, which wrap round after 26 km.
+fn key(b: &Bin) -> u64 {
+    let place = |v: i32| u64::from(v as u16 ^ 0x8000);
+    (b[0] as u64) << 48 | place(b[1]) << 32 | place(b[2]) << 16 | place(b[3])
+}
+
+impl Sorted {
+    fn of(hits: &[Hit]) -> Self {
+        let mut order: Vec<(u64, u32)> = hits.iter().zip(0..).map(|(h, k)| (key(&h.bin), k)).collect();
+        order.sort_unstable();
+        let mut bins: Vec<(u64, u64, u32)> = Vec::new();
+        for (at, &(key, k)) in order.iter().enumerate() {
+            let weight = u64::from(hits[k as usize].weight);
+            match bins.last_mut() {
+                Some(b) if b.0 == key => b.1 += weight,
+                _ => bins.push((key, weight, at as u32)),
+            }
+        }
+        Self { order, bins }
+    }
+
+    /// The bins that touch one, in nine runs of up to three.
+    fn around(&self, b: &Bin) -> impl Iterator<Item = (usize, &(u64, u64, u32))> {
+        let b = *b;
+        let rows = [-1, 0, 1].into_iter().flat_map(move |yaw| {
+            (b[1] - 1..=b[1] + 1)
+                .flat_map(move |x| (b[2] - 1..=b[2] + 1).map(move |y| [(b[0] + yaw).rem_euclid(YAWS), x, y]))
+        });
+        rows.flat_map(move |[yaw, x, y]| {
+            let (low, high) = (key(&[yaw, x, y, b[3] - 1]), key(&[yaw, x, y, b[3] + 1]));
+            let from = self.bins.partition_point(|b| b.0 < low);
+            self.bins[from..]
+                .iter()
+                .take_while(move |b| b.0 <= high)
+                .enumerate()
+                .map(move |(k, b)| (from + k, b))
+        })
+    }
+
+    /// Places of the hits whose bins touch one.
+    fn hits_around(&self, b: &Bin) -> impl Iterator<Item = usize> {
+        self.around(b).flat_map(|(k, bin)| {
+            let end = self.bins.get(k + 1).map_or(self.order.len(), |next| next.2 as usize);
+            self.order[bin.2 as usize..end].iter().map(|o| o.1 as usize)
+        })
+    }
 }
 
 /// Whether two bins touch; yaw wraps round.
@@ -65,11 +135,10 @@ pub(super) fn poses(
         None => indexed_hits(index, query, &centre, params, work),
         Some(n) => near_hits(index, query, &centre, n, work),
     };
-    let mut table: BTreeMap<Bin, u64> = BTreeMap::new();
-    for h in &hits {
-        *table.entry(h.bin).or_default() += u64::from(h.weight);
-    }
-    peaks(&table, params.peaks).iter().filter_map(|p| solve(index, query, &hits, p)).collect()
+    let sorted = Sorted::of(&hits);
+    // Around a prior there is room for few distinct poses.
+    let count = if near.is_some() { params.peaks.min(PRIOR_PEAKS) } else { params.peaks };
+    peaks(&hits, &sorted, count).iter().filter_map(|p| solve(index, query, &hits, &sorted, p)).collect()
 }
 
 /// Mean of the centroids.
@@ -80,15 +149,16 @@ pub(super) fn centre(query: &[Item]) -> Point3<f32> {
 }
 
 /// The bins with the largest sums over themselves and their neighbours; no two of them touch.
-fn peaks(table: &BTreeMap<Bin, u64>, count: usize) -> Vec<Bin> {
-    let mut best: Vec<(u64, Bin)> = table.iter().map(|(b, w)| (*w, *b)).collect();
+fn peaks(hits: &[Hit], sorted: &Sorted, count: usize) -> Vec<Bin> {
+    let bin = |b: &(u64, u64, u32)| hits[sorted.order[b.2 as usize].1 as usize].bin;
+    let mut best: Vec<(u64, Bin)> = sorted.bins.iter().map(|b| (b.1, bin(b))).collect();
     let order = |a: &(u64, Bin), b: &(u64, Bin)| b.0.cmp(&a.0).then(a.1.cmp(&b.1));
     if best.len() > BEST_BINS {
         best.select_nth_unstable_by(BEST_BINS, order);
         best.truncate(BEST_BINS);
     }
     for (sum, b) in &mut best {
-        *sum = around(table, b);
+        *sum = sorted.around(b).map(|(_, b)| b.1).sum();
     }
     best.sort_unstable_by(order);
     let mut out: Vec<Bin> = Vec::new();
@@ -103,24 +173,11 @@ fn peaks(table: &BTreeMap<Bin, u64>, count: usize) -> Vec<Bin> {
     out
 }
 
-fn around(table: &BTreeMap<Bin, u64>, b: &Bin) -> u64 {
-    let mut sum = 0;
-    for yaw in [-1, 0, 1].map(|d| (b[0] + d).rem_euclid(YAWS)) {
-        for x in b[1] - 1..=b[1] + 1 {
-            for y in b[2] - 1..=b[2] + 1 {
-                let rows = table.range([yaw, x, y, b[3] - 1]..=[yaw, x, y, b[3] + 1]);
-                sum += rows.map(|(_, w)| *w).sum::<u64>();
-            }
-        }
-    }
-    sum
-}
-
 /// The pose behind a peak: correspondences by the votes of the pairs that they are part of, taken
 /// one-to-one from the strongest on, then a least-squares fit.
-fn solve(index: &Index, query: &[Item], hits: &[Hit], peak: &Bin) -> Option<Isometry3<f32>> {
+fn solve(index: &Index, query: &[Item], hits: &[Hit], sorted: &Sorted, peak: &Bin) -> Option<Isometry3<f32>> {
     let mut votes: BTreeMap<(u16, u32), u64> = BTreeMap::new();
-    for h in hits.iter().filter(|h| touch(&h.bin, peak)) {
+    for h in sorted.hits_around(peak).map(|k| &hits[k]) {
         for k in 0..2 {
             *votes.entry((h.query[k], h.reference[k])).or_default() += u64::from(h.weight);
         }
@@ -156,20 +213,25 @@ fn hit(query: &[Item], [i, j]: [u16; 2], centre: &Point3<f32>, a: (u32, &Item), 
     let (qa, qb) = (&query[i as usize], &query[j as usize]);
     let (q, r) = (qb.p - qa.p, b.1.p - a.1.p);
     let (dot, cross) = (q.x * r.x + q.y * r.y, q.x * r.y - q.y * r.x);
-    let n = dot.hypot(cross).max(1e-9);
+    let n = length(dot, cross).max(1e-9);
     let (cos, sin) = (dot / n, cross / n);
     let from = centre - nalgebra::center(&qa.p, &qb.p);
     let turned = Vector3::new(cos * from.x - sin * from.y, sin * from.x + cos * from.y, from.z);
     Hit {
         query: [i, j],
         reference: [a.0, b.0],
-        bin: bin_of(cross.atan2(dot), &(nalgebra::center(&a.1.p, &b.1.p) + turned)),
+        bin: bin_of(angle(cross, dot), &(nalgebra::center(&a.1.p, &b.1.p) + turned)),
         weight: 0,
     }
 }
 
 fn fits(q: &Vector3<f32>, r: &Vector3<f32>) -> bool {
-    (q.x.hypot(q.y) - r.x.hypot(r.y)).abs() < PAIR_GATE && (q.z - r.z).abs() < PAIR_GATE
+    (length(q.x, q.y) - length(r.x, r.y)).abs() < PAIR_GATE && (q.z - r.z).abs() < PAIR_GATE
+}
+
+/// Length of (x, y); coordinates are far below where squares overflow.
+fn length(x: f32, y: f32) -> f32 {
+    (x * x + y * y).sqrt()
 }
 
 /// Shares one vote out among the hits from `from` on.
@@ -185,8 +247,8 @@ fn indexed_hits(
     params: &RobustParams,
     work: &mut Work,
 ) -> Vec<Hit> {
-    // (entries to look at, first node, second node), the smaller label first.
-    let mut pairs: Vec<(usize, [u16; 2], [i32; 2])> = Vec::new();
+    // (entries to look at, first and second node, the smaller label first, the lists of entries).
+    let mut pairs: Vec<(usize, [u16; 2], [&[[u32; 2]]; 9])> = Vec::new();
     for i in 0..query.len() {
         // The loop itself is work, too, for a query of thousands of nodes.
         if !work.spend(query.len() as u64 / 16) {
@@ -195,33 +257,32 @@ fn indexed_hits(
         for j in i + 1..query.len() {
             let [a, b] = if query[i].label <= query[j].label { [i, j] } else { [j, i] };
             let d = query[b].p - query[a].p;
-            let dxy = d.x.hypot(d.y);
+            let dxy = length(d.x, d.y);
             if !(SHORTEST..params.pair_range).contains(&dxy) {
                 continue;
             }
             let at = [bin(dxy), bin(d.z)];
             let labels = [query[a].label, query[b].label];
-            let entries = probes(at).map(|[x, z]| index.pairs(labels, x, z).len()).sum();
+            let lists = probes(at).map(|[x, z]| index.pairs(labels, x, z));
+            let entries = lists.iter().map(|l| l.len()).sum();
             if entries > 0 {
-                pairs.push((entries, [a as u16, b as u16], at));
+                pairs.push((entries, [a as u16, b as u16], lists));
             }
         }
     }
-    pairs.sort_unstable();
+    pairs.sort_unstable_by_key(|p| (p.0, p.1));
     let mut hits = Vec::new();
-    for (entries, [a, b], at) in pairs {
+    for (entries, [a, b], lists) in pairs {
         if !work.spend(entries as u64) {
             break;
         }
         let (qa, qb) = (&query[a as usize], &query[b as usize]);
         let d = qb.p - qa.p;
         let from = hits.len();
-        for [x, z] in probes(at) {
-            for &[ra, rb] in index.pairs([qa.label, qb.label], x, z) {
-                let (Some(ia), Some(ib)) = (index.item(ra), index.item(rb)) else { continue };
-                if fits(&d, &(ib.p - ia.p)) && alike(qa, ia) && alike(qb, ib) {
-                    hits.push(hit(query, [a, b], centre, (ra, ia), (rb, ib)));
-                }
+        for &[ra, rb] in lists.into_iter().flatten() {
+            let (Some(ia), Some(ib)) = (index.item(ra), index.item(rb)) else { continue };
+            if fits(&d, &(ib.p - ia.p)) && alike(qa, ia) && alike(qb, ib) {
+                hits.push(hit(query, [a, b], centre, (ra, ia), (rb, ib)));
             }
         }
         share(&mut hits, from);
@@ -229,9 +290,9 @@ fn indexed_hits(
     hits
 }
 
-/// The bin of a pair and its neighbours.
-fn probes([x, z]: [i32; 2]) -> impl Iterator<Item = [i32; 2]> {
-    (-1..=1).flat_map(move |i| (-1..=1).map(move |j| [x + i, z + j])).filter(|b| b[0] >= 0)
+/// The bin of a pair and its neighbours; distances below zero have no entries.
+fn probes([x, z]: [i32; 2]) -> [[i32; 2]; 9] {
+    std::array::from_fn(|k| [x + k as i32 / 3 - 1, z + k as i32 % 3 - 1])
 }
 
 /// Hits among the objects near where a prior puts the query's nodes.
@@ -257,7 +318,8 @@ fn near_hits(
     for i in 0..query.len() {
         for j in i + 1..query.len() {
             let d = query[j].p - query[i].p;
-            let tries = if d.x.hypot(d.y) < SHORTEST { 0 } else { candidates[i].len() * candidates[j].len() };
+            let tries =
+                if length(d.x, d.y) < SHORTEST { 0 } else { candidates[i].len() * candidates[j].len() };
             if !work.spend(tries as u64 + u64::from(j.is_multiple_of(16))) {
                 return hits;
             }
@@ -279,3 +341,41 @@ fn near_hits(
 }
 
 const _: () = assert!(BIN < PAIR_GATE + 0.3, "a pair within the gate lies in a probed bin, nearly always");
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn angles_are_near_those_of_atan2() {
+        for k in 0..10_000 {
+            let turn = k as f32 / 10_000.0 * TAU;
+            let (y, x) = turn.sin_cos();
+            let off = (angle(3.0 * y, 3.0 * x) - turn).abs();
+            assert!(off.min(TAU - off) < 0.0051, "{turn}: off by {off}");
+        }
+        assert!(angle(0.0, 0.0).is_finite());
+    }
+
+    #[test]
+    fn bins_that_touch_are_found() {
+        // Every bin of a small block twice, in an order of no meaning.
+        let mut hits: Vec<Hit> = (0..2 * 30 * 5 * 5 * 5)
+            .map(|k| {
+                let k = k * 7919 % (30 * 125);
+                let bin = [k / 125, k / 25 % 5 - 2, k / 5 % 5 - 2, k % 5 - 2];
+                Hit { query: [0, 1], reference: [0, 1], bin, weight: 1 + k as u32 % 3 }
+            })
+            .collect();
+        hits.truncate(5000);
+        let sorted = Sorted::of(&hits);
+        for at in [[0, 0, 0, 0], [29, -2, 2, 1], [15, 1, -1, -2]] {
+            let mut found: Vec<usize> = sorted.hits_around(&at).collect();
+            found.sort_unstable();
+            let want: Vec<usize> = (0..hits.len()).filter(|&k| touch(&hits[k].bin, &at)).collect();
+            assert_eq!(found, want);
+            let sum: u64 = sorted.around(&at).map(|(_, b)| b.1).sum();
+            assert_eq!(sum, want.iter().map(|&k| u64::from(hits[k].weight)).sum::<u64>());
+        }
+    }
+}
