@@ -16,7 +16,7 @@ pub(crate) fn regions(frame: &mut Frame, min_pixels: u32) {
     runs.unite();
     runs.number(frame, min_pixels);
     runs.seed(frame);
-    grow(frame);
+    grow(frame, &mut runs);
     frame.runs = runs;
 }
 
@@ -43,11 +43,47 @@ pub(crate) struct Runs {
     /// Labelled pixels.
     held: Vec<u64>,
     runs: Vec<Run>,
+    /// Open links to the four neighbours, and pixels that a label may grow into.
+    ways: Vec<u8>,
+    bare: Vec<u8>,
     /// First run of every row, and their number.
     rows: Vec<u32>,
 }
 
 impl Runs {
+    /// Writes where growth may go: the unbroken links of every pixel to its four neighbours, and the pixels without
+    /// a label that have a plane.
+    fn open_ways(&mut self, frame: &Frame) {
+        let (w, links, band) = (frame.width, &frame.links[..], BAND * frame.width);
+        self.ways.resize(links.len(), 0);
+        self.bare.resize(links.len(), 0);
+        let input = (frame.label.par_chunks(band), frame.smooth.par_chunks(band));
+        (input, self.ways.par_chunks_mut(band), self.bare.par_chunks_mut(band))
+            .into_par_iter()
+            .enumerate()
+            .for_each(|(b, ((label, smooth), ways, bare))| {
+                wide(
+                    #[inline(always)]
+                    || {
+                        let at = b * band;
+                        ways.copy_from_slice(&links[at..at + ways.len()]);
+                        // The last pixel of a row has no link to its right.
+                        let from = at.max(1);
+                        for (way, link) in ways[from - at..].iter_mut().zip(&links[from - 1..]) {
+                            *way |= (link & RIGHT) * (LEFT / RIGHT);
+                        }
+                        let from = at.max(w);
+                        for (way, link) in ways[(from - at).min(label.len())..].iter_mut().zip(&links[from - w..]) {
+                            *way |= (link & DOWN) * (UP / DOWN);
+                        }
+                        for ((bare, &label), &smooth) in bare.iter_mut().zip(label).zip(smooth) {
+                            *bare = u8::from((label == 0) & (smooth > 0.0));
+                        }
+                    },
+                );
+            });
+    }
+
     /// Packs `edge` and `links` into bits.
     fn read(&mut self, frame: &Frame) {
         self.words = frame.width.div_ceil(64);
@@ -251,38 +287,45 @@ fn root(runs: &mut [Run], mut i: u32) -> u32 {
     i
 }
 
+/// Bits of [`Runs::ways`] beside [`RIGHT`] and [`DOWN`].
+const LEFT: u8 = 4;
+const UP: u8 = 8;
+
 /// Breadth-first growth from the queue; a pixel takes the label that reaches it first, ties in raster order.
-fn grow(frame: &mut Frame) {
-    let w = frame.width;
-    let (links, smooth) = (&frame.links[..], &frame.smooth[..]);
+fn grow(frame: &mut Frame, runs: &mut Runs) {
+    runs.open_ways(frame);
+    let (w, ways, bare) = (frame.width, &runs.ways[..], &mut runs.bare[..]);
     let (label, size) = (&mut frame.label[..], &mut frame.region_size[..]);
+    let seeds = frame.queue.len();
     let mut next = 0;
     while next < frame.queue.len() {
         let i = frame.queue[next] as usize;
         next += 1;
         let own = label[i];
         let mut reach = |j: usize| {
-            if label[j] == 0 && smooth[j] > 0.0 {
+            if bare[j] != 0 {
+                bare[j] = 0;
                 label[j] = own;
                 size[own as usize] += 1;
-                size[0] -= 1;
                 frame.queue.push(j as u32);
             }
         };
-        // A link bit is never set towards the outside of the image.
-        if i >= w && links[i - w] & DOWN != 0 {
+        // No way leads out of the image.
+        let way = ways[i];
+        if way & UP != 0 {
             reach(i - w);
         }
-        if i > 0 && links[i - 1] & RIGHT != 0 {
+        if way & LEFT != 0 {
             reach(i - 1);
         }
-        if links[i] & RIGHT != 0 {
+        if way & RIGHT != 0 {
             reach(i + 1);
         }
-        if links[i] & DOWN != 0 {
+        if way & DOWN != 0 {
             reach(i + w);
         }
     }
+    size[0] -= (frame.queue.len() - seeds) as u32;
 }
 
 #[cfg(test)]
@@ -367,7 +410,7 @@ mod tests {
                 .map(|i| i as u32)
                 .collect();
             prop_assert_eq!(&frame.queue, &seeds);
-            grow(&mut frame);
+            grow(&mut frame, &mut runs);
             let mut sizes = vec![0; frame.region_size.len()];
             for (i, &l) in frame.label.iter().enumerate() {
                 prop_assert!(before[i] == 0 || before[i] == l);
