@@ -73,7 +73,9 @@ impl Runs {
                             *way |= (link & RIGHT) * (LEFT / RIGHT);
                         }
                         let from = at.max(w);
-                        for (way, link) in ways[(from - at).min(label.len())..].iter_mut().zip(&links[from - w..]) {
+                        for (way, link) in
+                            ways[(from - at).min(label.len())..].iter_mut().zip(&links[from - w..])
+                        {
                             *way |= (link & DOWN) * (UP / DOWN);
                         }
                         for ((bare, &label), &smooth) in bare.iter_mut().zip(label).zip(smooth) {
