@@ -94,6 +94,8 @@ pub(crate) struct Association {
     pub(crate) matches: Vec<Match>,
     /// Per sample.
     pub(crate) hits: Vec<Hit>,
+    /// Whether a surfel in a visible brick is [tagged](Cold::tag).
+    pub(crate) tagged: bool,
     /// Blocks of the visible bricks, a bit each, and their numbers in order.
     marked: Vec<u64>,
     blocks: Vec<u32>,
@@ -113,6 +115,7 @@ struct Share {
     /// Bricks that hold surfels to be removed.
     weeds: Vec<u32>,
     contradicted: u32,
+    tagged: bool,
 }
 
 /// A share's part of the storage.
@@ -140,6 +143,7 @@ impl Association {
     /// one behind is hidden.
     pub(crate) fn run(&mut self, step: Step<'_>, visible: &[u32], store: &mut Store, counts: &mut Counts) {
         self.matches.clear();
+        self.tagged = false;
         self.hits.clear();
         self.hits.resize(step.samples.list.len(), Hit::NONE);
         let Some(camera) = step.samples.camera else { return };
@@ -199,6 +203,7 @@ impl Association {
         share.moved.drain(..).for_each(|id| segments.follow(surfels, id));
         self.matches.append(&mut share.matches);
         self.weeds.append(&mut share.weeds);
+        self.tagged |= std::mem::take(&mut share.tagged);
         share.strays.clear();
         counts.contradicted += std::mem::take(&mut share.contradicted);
     }
@@ -239,6 +244,7 @@ impl Share {
     fn block(&mut self, gate: &Gate<'_>, first: u32, hot: &mut HotBlock, cold: &mut [Cold; BLOCK]) -> bool {
         let step = gate.step;
         let seen = gate.lens.project(hot);
+        self.tagged |= hot.tagged != 0;
         let mut weeds = seen.doomed != 0;
         let mut unseen = u32::from(hot.unstable) & !seen.doomed;
         if seen.inside != 0 {

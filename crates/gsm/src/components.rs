@@ -15,8 +15,8 @@ pub(crate) fn regions(frame: &mut Frame, min_pixels: u32) {
     runs.read(frame);
     runs.unite();
     runs.number(frame, min_pixels);
-    runs.seed(frame);
-    grow(frame);
+    let seeds = runs.seed(frame);
+    grow(frame, &mut runs, seeds);
     frame.runs = runs;
 }
 
@@ -43,11 +43,49 @@ pub(crate) struct Runs {
     /// Labelled pixels.
     held: Vec<u64>,
     runs: Vec<Run>,
+    /// Open links to the four neighbours, and pixels that a label may grow into.
+    ways: Vec<u8>,
+    bare: Vec<u8>,
     /// First run of every row, and their number.
     rows: Vec<u32>,
 }
 
 impl Runs {
+    /// Writes where growth may go: the unbroken links of every pixel to its four neighbours, and the pixels without
+    /// a label that have a plane.
+    fn open_ways(&mut self, frame: &Frame) {
+        let (w, links, band) = (frame.width, &frame.links[..], BAND * frame.width);
+        self.ways.resize(links.len(), 0);
+        self.bare.resize(links.len(), 0);
+        let input = (frame.label.par_chunks(band), frame.smooth.par_chunks(band));
+        (input, self.ways.par_chunks_mut(band), self.bare.par_chunks_mut(band))
+            .into_par_iter()
+            .enumerate()
+            .for_each(|(b, ((label, smooth), ways, bare))| {
+                wide(
+                    #[inline(always)]
+                    || {
+                        let at = b * band;
+                        ways.copy_from_slice(&links[at..at + ways.len()]);
+                        // The last pixel of a row has no link to its right.
+                        let from = at.max(1);
+                        for (way, link) in ways[from - at..].iter_mut().zip(&links[from - 1..]) {
+                            *way |= (link & RIGHT) * (LEFT / RIGHT);
+                        }
+                        let from = at.max(w);
+                        for (way, link) in
+                            ways[(from - at).min(label.len())..].iter_mut().zip(&links[from - w..])
+                        {
+                            *way |= (link & DOWN) * (UP / DOWN);
+                        }
+                        for ((bare, &label), &smooth) in bare.iter_mut().zip(label).zip(smooth) {
+                            *bare = u8::from((label == 0) & (smooth > 0.0));
+                        }
+                    },
+                );
+            });
+    }
+
     /// Packs `edge` and `links` into bits.
     fn read(&mut self, frame: &Frame) {
         self.words = frame.width.div_ceil(64);
@@ -162,8 +200,8 @@ impl Runs {
         });
     }
 
-    /// Queues the labelled pixels that are linked to one without a label, in raster order.
-    fn seed(&mut self, frame: &mut Frame) {
+    /// Queues the labelled pixels that are linked to one without a label, in raster order; returns their number.
+    fn seed(&mut self, frame: &mut Frame) -> usize {
         self.held.clear();
         self.held.resize(self.open.len(), 0);
         let n = self.words;
@@ -172,7 +210,9 @@ impl Runs {
                 set(held, run.start, run.end);
             }
         }
-        frame.queue.clear();
+        // Room for every pixel, and for one that is looked at in vain.
+        frame.queue.resize(frame.label.len() + 1, 0);
+        let mut queued = 0;
         let (held, right, down) = (&self.held, &self.right, &self.down);
         let last = held.len() - n;
         for i in 0..held.len() {
@@ -187,9 +227,11 @@ impl Runs {
             while seeds != 0 {
                 let x = 64 * column + seeds.trailing_zeros() as usize;
                 seeds &= seeds - 1;
-                frame.queue.push((i / n * frame.width + x) as u32);
+                frame.queue[queued] = (i / n * frame.width + x) as u32;
+                queued += 1;
             }
         }
+        queued
     }
 }
 
@@ -251,38 +293,34 @@ fn root(runs: &mut [Run], mut i: u32) -> u32 {
     i
 }
 
-/// Breadth-first growth from the queue; a pixel takes the label that reaches it first, ties in raster order.
-fn grow(frame: &mut Frame) {
-    let w = frame.width;
-    let (links, smooth) = (&frame.links[..], &frame.smooth[..]);
+/// Bits of [`Runs::ways`] beside [`RIGHT`] and [`DOWN`].
+const LEFT: u8 = 4;
+const UP: u8 = 8;
+
+/// Breadth-first growth from the first `seeds` pixels of the queue; a pixel takes the label that reaches it first, ties
+/// in raster order. Without branches: whether a neighbour is open is anybody's guess.
+fn grow(frame: &mut Frame, runs: &mut Runs, seeds: usize) {
+    runs.open_ways(frame);
+    let (w, ways, bare) = (frame.width, &runs.ways[..], &mut runs.bare[..]);
     let (label, size) = (&mut frame.label[..], &mut frame.region_size[..]);
-    let mut next = 0;
-    while next < frame.queue.len() {
-        let i = frame.queue[next] as usize;
+    let queue = &mut frame.queue[..];
+    let (mut next, mut end) = (0, seeds);
+    while next < end {
+        let i = queue[next] as usize;
         next += 1;
-        let own = label[i];
-        let mut reach = |j: usize| {
-            if label[j] == 0 && smooth[j] > 0.0 {
-                label[j] = own;
-                size[own as usize] += 1;
-                size[0] -= 1;
-                frame.queue.push(j as u32);
-            }
-        };
-        // A link bit is never set towards the outside of the image.
-        if i >= w && links[i - w] & DOWN != 0 {
-            reach(i - w);
+        let (way, own, before) = (ways[i], label[i], end);
+        // No way leads out of the image; where there is none, the pixel itself is looked at, which is not bare.
+        for (bit, to) in [(UP, i.wrapping_sub(w)), (LEFT, i.wrapping_sub(1)), (RIGHT, i + 1), (DOWN, i + w)] {
+            let j = if way & bit != 0 { to } else { i };
+            let open = bare[j];
+            bare[j] = 0;
+            label[j] = if open != 0 { own } else { label[j] };
+            queue[end] = j as u32;
+            end += usize::from(open);
         }
-        if i > 0 && links[i - 1] & RIGHT != 0 {
-            reach(i - 1);
-        }
-        if links[i] & RIGHT != 0 {
-            reach(i + 1);
-        }
-        if links[i] & DOWN != 0 {
-            reach(i + w);
-        }
+        size[own as usize] += (end - before) as u32;
     }
+    size[0] -= (end - seeds) as u32;
 }
 
 #[cfg(test)]
@@ -354,7 +392,7 @@ mod tests {
             runs.number(&mut frame, min);
             prop_assert_eq!(&frame.label, &flood(&frame, min));
             let before = frame.label.clone();
-            runs.seed(&mut frame);
+            let queued = runs.seed(&mut frame);
             let seeds: Vec<u32> = (0..n)
                 .filter(|&i| {
                     let bare = |on: bool, j: usize| on && frame.label[j] == 0;
@@ -366,8 +404,8 @@ mod tests {
                 })
                 .map(|i| i as u32)
                 .collect();
-            prop_assert_eq!(&frame.queue, &seeds);
-            grow(&mut frame);
+            prop_assert_eq!(&frame.queue[..queued], &seeds);
+            grow(&mut frame, &mut runs, queued);
             let mut sizes = vec![0; frame.region_size.len()];
             for (i, &l) in frame.label.iter().enumerate() {
                 prop_assert!(before[i] == 0 || before[i] == l);

@@ -71,5 +71,5 @@ pub use measure::{Measured, NoiseMeter};
 pub use moments::{Moments, UNIT};
 pub use noise::{NoiseModel, Profile};
 pub use params::Params;
-pub use segment::{Aabb, Plane, Segment, Surfel};
+pub use segment::{Aabb, Plane, Segment, Surfel, UprightBox};
 pub use visibility::{Cell, Looked, Tally, Visibility};

@@ -43,6 +43,17 @@ pub struct Aabb {
     pub high: Point3<f32>,
 }
 
+/// A box that stands upright, world frame, metres.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct UprightBox {
+    /// Centre.
+    pub centre: Point3<f32>,
+    /// Right-handed unit axes; the last one is up.
+    pub axes: [Vector3<f32>; 3],
+    /// Half of the extents along the axes.
+    pub half: [f32; 3],
+}
+
 /// A segment of the map; figures are over its stable surfels.
 #[derive(Debug, Clone, Copy)]
 pub struct Segment<'a> {
@@ -105,17 +116,42 @@ impl Segment<'_> {
                 axis.push(v);
             }
         }
-        let n = axes[0].len();
-        if n == 0 {
-            return None;
-        }
-        let cut = n / 200;
-        let span = axes.map(|mut v| {
-            let low = *v.select_nth_unstable_by(cut, f32::total_cmp).1;
-            let high = *v.select_nth_unstable_by(n - 1 - cut, f32::total_cmp).1;
-            (low, high)
-        });
+        let [x, y, z] = axes.map(span);
+        let span = [x?, y?, z?];
         Some(Aabb { low: Point3::from(span.map(|s| s.0)), high: Point3::from(span.map(|s| s.1)) })
+    }
+
+    /// The box of least base that stands along `up` (any length), between the 0.5 % and 99.5 % quantiles of the
+    /// surfels; turned in steps of a degree. `None` when empty, or when `up` is no direction.
+    pub fn upright_box(&self, up: &Vector3<f32>) -> Option<UprightBox> {
+        let up = up.try_normalize(1e-6)?;
+        let side = up.cross(&Vector3::ith(up.iamin(), 1.0)).try_normalize(1e-6)?;
+        let other = up.cross(&side);
+        let points: Vec<[f32; 3]> = self
+            .stable()
+            .map(|id| Vector3::from(self.map.store.surfels.position(id)))
+            .map(|p| [side.dot(&p), other.dot(&p), up.dot(&p)])
+            .collect();
+        // The turn is found on some of them.
+        let some: Vec<_> = points.iter().step_by(points.len() / 500 + 1).copied().collect();
+        let base = |points: &[[f32; 3]], degrees: usize| -> Option<[(f32, f32); 2]> {
+            let (sin, cos) = (degrees as f32).to_radians().sin_cos();
+            let along = span(points.iter().map(|p| cos * p[0] + sin * p[1]).collect())?;
+            let across = span(points.iter().map(|p| cos * p[1] - sin * p[0]).collect())?;
+            Some([along, across])
+        };
+        let area = |degrees: &usize| {
+            // A wall has no base: its thickness must not decide alone.
+            base(&some, *degrees).map_or(f32::INFINITY, |b| b.iter().map(|(l, h)| h - l + 0.02).product())
+        };
+        let degrees = (0..90).min_by(|a, b| area(a).total_cmp(&area(b)))?;
+        let ([along, across], height) =
+            (base(&points, degrees)?, span(points.iter().map(|p| p[2]).collect())?);
+        let (sin, cos) = (degrees as f32).to_radians().sin_cos();
+        let axes = [side * cos + other * sin, other * cos - side * sin, up];
+        let spans = [along, across, height];
+        let centre = axes.iter().zip(spans).map(|(a, (l, h))| a * (0.5 * (l + h))).sum::<Vector3<f32>>();
+        Some(UprightBox { centre: Point3::from(centre), axes, half: spans.map(|(l, h)| 0.5 * (h - l)) })
     }
 
     /// Up to `n` stable surfels as (position, normal), spread evenly over the member list; the same for the same
@@ -141,4 +177,15 @@ impl Segment<'_> {
         let surfels = &self.map.store.surfels;
         self.record.members.iter().copied().filter(|&id| surfels.is_stable(id))
     }
+}
+
+/// The 0.5 % and 99.5 % quantiles of some values.
+fn span(mut v: Vec<f32>) -> Option<(f32, f32)> {
+    let (n, cut) = (v.len(), v.len() / 200);
+    if n == 0 {
+        return None;
+    }
+    let low = *v.select_nth_unstable_by(cut, f32::total_cmp).1;
+    let high = *v.select_nth_unstable_by(n - 1 - cut, f32::total_cmp).1;
+    Some((low, high))
 }

@@ -84,11 +84,10 @@ impl Splits {
         self.region_pixels.resize(votes.segment_of.len(), 0);
         for (hit, sample) in association.hits.iter().zip(&samples.list) {
             let region = sample.region();
-            if hit.surfel != 0 && region != 0 && hit.segment == votes.segment_of[region] {
-                self.region_pixels[region] += 1;
-                if surfels.is_tagged(hit.surfel - 1) {
-                    self.cells.push((region as u32, surfels.cold[hit.surfel as usize - 1].tag));
-                }
+            let own = (hit.surfel != 0) & (region != 0) & (hit.segment == votes.segment_of[region]);
+            self.region_pixels[region] += u32::from(own);
+            if association.tagged && own && surfels.is_tagged(hit.surfel - 1) {
+                self.cells.push((region as u32, surfels.cold[hit.surfel as usize - 1].tag));
             }
         }
         self.cells.sort_unstable();
@@ -154,6 +153,9 @@ impl Splits {
         surfels: &mut Surfels,
         given: &[u32],
     ) {
+        if !association.tagged && given.iter().all(|&tag| tag == 0) {
+            return;
+        }
         for m in &association.matches {
             let region = samples.list[m.sample as usize].region();
             let tag = given[region];

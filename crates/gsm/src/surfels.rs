@@ -30,7 +30,7 @@ pub(crate) struct HotBlock {
     /// In use and not stable, a bit each.
     pub(crate) unstable: u16,
     /// Of a part that may be split off (its [tag](Cold::tag) is not 0).
-    tagged: u16,
+    pub(crate) tagged: u16,
     /// The brick that owns the block.
     pub(crate) brick: u32,
 }

@@ -25,10 +25,17 @@ const MAIN_SHARE: f32 = 0.1;
 const OWN_SHARE: f32 = 0.4;
 
 /// What a sample says: the segment of its surfel (slot plus one) and its region, 0 = none.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy)]
 struct Key {
     segment: u32,
     region: u32,
+}
+
+impl PartialEq for Key {
+    #[inline(always)]
+    fn eq(&self, other: &Self) -> bool {
+        (self.segment == other.segment) & (self.region == other.region)
+    }
 }
 
 impl Key {
@@ -49,6 +56,8 @@ pub(crate) struct Votes {
     pub(crate) seams: Vec<(u32, u32)>,
     /// Per sample.
     keys: Vec<Key>,
+    /// Samples per segment (slot plus one).
+    tally: Vec<u32>,
     /// Slots seen in this frame and the pixels of each.
     pub(crate) seen: Vec<u32>,
     pub(crate) pixels: Vec<u32>,
@@ -81,24 +90,18 @@ impl Votes {
         self.table.resize(regions * columns, 0);
         self.cores.clear();
         self.cores.resize(regions, 0);
-        // Votes of neighbours for the same are cast together.
-        let mut votes = (0, 0);
+        // Half of the samples have no surfel, as chance has it: what they add is nothing, without a branch.
         for (sample, key) in samples.list.iter().zip(&self.keys) {
-            if sample.is_edge() {
-                continue;
-            }
-            self.cores[key.region as usize] += 1;
-            if key.is_bare() {
-                continue;
-            }
-            let place = key.region as usize * columns + self.column[key.segment as usize - 1] as usize;
-            if place != votes.0 {
-                self.table.get_mut(votes.0).into_iter().for_each(|n| *n += votes.1);
-                votes = (place, 0);
-            }
-            votes.1 += 1;
+            self.cores[key.region as usize] += u32::from(!sample.is_edge());
         }
-        self.table.get_mut(votes.0).into_iter().for_each(|n| *n += votes.1);
+        if columns != 0 {
+            for (sample, key) in samples.list.iter().zip(&self.keys) {
+                let votes = !sample.is_edge() & !key.is_bare();
+                let column = self.column[key.segment.saturating_sub(1) as usize];
+                let place = key.region as usize * columns + column as usize;
+                self.table[if votes { place } else { 0 }] += u32::from(votes);
+            }
+        }
         self.resolve(segments, params, now, events);
         self.touch(samples);
     }
@@ -111,15 +114,14 @@ impl Votes {
         self.keys.clear();
         let keys = association.hits.iter().zip(&samples.list);
         self.keys.extend(keys.map(|(h, s)| Key { segment: h.segment, region: s.region() as u32 }));
-        for run in self.keys.chunk_by(|a, b| a.segment == b.segment).filter(|run| run[0].segment != 0) {
-            let slot = run[0].segment as usize - 1;
-            if self.stamp[slot] != now {
-                self.stamp[slot] = now;
-                self.column[slot] = self.seen.len() as u32;
-                self.seen.push(slot as u32);
-                self.pixels.push(0);
-            }
-            self.pixels[self.column[slot] as usize] += run.len() as u32;
+        self.tally.clear();
+        self.tally.resize(segments.slots.len() + 1, 0);
+        self.keys.iter().for_each(|k| self.tally[k.segment as usize] += 1);
+        for (slot, &n) in self.tally[1..].iter().enumerate().filter(|(_, n)| **n != 0) {
+            self.stamp[slot] = now;
+            self.column[slot] = self.seen.len() as u32;
+            self.seen.push(slot as u32);
+            self.pixels.push(n);
         }
     }
 
@@ -191,7 +193,7 @@ impl Votes {
     /// Notes what the samples from `first` on and their neighbours in direction `bit` say of their segments.
     fn meet(&mut self, samples: &Samples, bit: u8, first: usize, keys: &[Key], others: &[Key]) {
         for (i, (p, q)) in keys.iter().zip(others).enumerate() {
-            if p == q || p.is_bare() || q.is_bare() {
+            if (p == q) | p.is_bare() | q.is_bare() {
                 continue;
             }
             let ((a, la), (b, lb)) = ((p.segment, p.region), (q.segment, q.region));

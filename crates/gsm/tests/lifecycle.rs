@@ -245,6 +245,49 @@ fn samples_bound_the_surfels_of_large_images() {
     assert_eq!(sizes(&small), sizes(&large));
 }
 
+/// Turning the world about up turns the boxes and leaves their sides; they hold the segment and stand on its normal.
+#[test]
+fn upright_boxes_turn_with_the_world() {
+    let (k, up) = (camera(WIDTH, HEIGHT), -Vector3::y());
+    let boxes = |world: &Isometry3<f32>| {
+        let mut map = Map::new(ideal()).unwrap();
+        for i in 0..8 {
+            add(&mut map, k, &render(&k, &pose(i), |_| 0.0, 1), world * pose(i), i);
+        }
+        let mut all: Vec<_> = map
+            .segments()
+            .filter(|s| s.surfels() > 1000)
+            .map(|s| {
+                let b = s.upright_box(&(up * 3.0)).unwrap();
+                let inside = map.surfels().filter(|f| f.stable && f.segment == Some(s.id())).filter(|f| {
+                    let off = f.position - b.centre;
+                    b.axes.iter().zip(b.half).all(|(a, h)| a.dot(&off).abs() <= h + 0.02)
+                });
+                assert!(inside.count() as f32 > 0.97 * s.surfels() as f32);
+                assert!((b.axes[2] - up).norm() < 1e-5 && (b.axes[0].cross(&b.axes[1]) - up).norm() < 1e-4);
+                assert!(s.upright_box(&Vector3::zeros()).is_none());
+                (s.plane().normal.dot(&up).abs() < 0.1, b)
+            })
+            .collect();
+        all.sort_by(|a, b| b.1.half[2].total_cmp(&a.1.half[2]));
+        all
+    };
+    let (a, b) =
+        (boxes(&Isometry3::identity()), boxes(&Isometry3::new(Vector3::new(1.0, 2.0, 3.0), up * 0.7)));
+    assert!(a.len() >= 2 && a.len() == b.len());
+    for ((upright, a), (_, b)) in a.iter().zip(&b) {
+        let sides = |b: &gsm::UprightBox| {
+            let mut h = b.half;
+            h[..2].sort_by(f32::total_cmp);
+            h
+        };
+        assert!(sides(a).iter().zip(sides(b)).all(|(a, b)| (a - b).abs() < 0.05), "{a:?} {b:?}");
+        if *upright {
+            assert!(sides(a)[0] < 0.06, "a wall is thin: {a:?}");
+        }
+    }
+}
+
 #[test]
 fn the_working_scale_can_change_between_frames() {
     let k = camera(320, 240);

@@ -37,6 +37,9 @@ pub(crate) struct Args {
     /// Working resolution as a share of the image's sides (1, 0.5, 0.25), or auto: about 160x120.
     #[arg(long, default_value = "auto")]
     scale: String,
+    /// Threads for segmentation and network; frames are decoded on another one.
+    #[arg(long, default_value_t = 1)]
+    threads: usize,
     /// Weights other than the shipped ones.
     #[arg(long, value_name = "FILE")]
     weights: Option<PathBuf>,
@@ -47,6 +50,15 @@ pub(crate) struct Args {
 
 impl Args {
     pub(crate) fn run(self) -> Result<ExitCode> {
+        rayon::ThreadPoolBuilder::new().num_threads(self.threads).build()?.install(|| self.scan())
+    }
+
+    /// CPU seconds of the work on frames: with one thread its own, without that of decoding.
+    fn seconds(&self) -> f64 {
+        if self.threads == 1 { clock::thread_cpu_seconds() } else { clock::cpu_seconds() }
+    }
+
+    fn scan(&self) -> Result<ExitCode> {
         let weights = Weights::load(self.weights.as_deref())?;
         let recording = Recording::open(&self.dir, Format::parse(&self.format))?;
         recording.notes().iter().for_each(|n| eprintln!("note: {n}"));
@@ -73,13 +85,13 @@ impl Args {
                 Some(r) => r,
                 none => none.insert(self.robot(&weights, model, has_gravity, frame.depth.len())?),
             };
-            let start = clock::cpu_seconds();
+            let start = self.seconds();
             let report = robot.segment(&frame);
-            let segmented = clock::cpu_seconds();
+            let segmented = self.seconds();
             if has_gravity && robot.inference_is_due() {
                 robot.infer()?;
             }
-            let inferred = clock::cpu_seconds();
+            let inferred = self.seconds();
             if let Some(ms) = self.budget_ms {
                 let new = || Budget::new(ms * 1e-3, frame.depth.len() as u32, robot.max_pixels());
                 let pixels = budget.get_or_insert_with(new).spent(segmented - start);
@@ -176,11 +188,11 @@ impl Args {
         if !has_gravity {
             robot.set_up(turn);
         }
-        let start = clock::cpu_seconds();
+        let start = self.seconds();
         robot.infer()?;
         let mut vocabulary = Vocabulary::default();
         let (graph, instances) = robot.graph(&mut vocabulary)?;
-        let ms = (clock::cpu_seconds() - start) * 1e3;
+        let ms = (self.seconds() - start) * 1e3;
         add_to_last_row(&mut csv, last_row, ms);
         let all = robot.graph_with_landmarks(&mut vocabulary)?;
         let unnamed = vocabulary.find_label(agent::NONE);
