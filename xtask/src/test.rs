@@ -18,6 +18,10 @@ pub(crate) fn run() -> Result<ExitCode> {
         must("tests", &mut cargo(&["test", "--workspace", "--lib", "--bins", "--tests"]))?;
     }
     must(
+        "publish, dry run",
+        &mut cargo(&["publish", "--quiet", "--dry-run", "--no-verify", "--allow-dirty", "-p", "graph-align"]),
+    )?;
+    must(
         "documentation",
         cargo(&["doc", "--quiet", "--workspace", "--no-deps"]).env("RUSTDOCFLAGS", "-D warnings"),
     )?;
