@@ -190,6 +190,7 @@ impl Component {
                 self.sightings.forget(*r);
             }
         }
+        merged.carried.iter().for_each(|&child| self.sightings.forget(child));
         self.sightings.add(seen, &merged.image);
         let joined = robust::merge::join_parts(graph, index, &merged.touched, &params.robust);
         self.sightings.join(&joined);

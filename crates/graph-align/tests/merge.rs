@@ -113,6 +113,45 @@ fn relations_follow_what_was_seen() {
     assert!((merged.node(NodeId(2)).unwrap().bounds.centroid() - away).norm() < 1e-3);
 }
 
+/// What stands on a table that moved, and is seen nowhere, goes along with its relation; what stands
+/// beside it, and what is seen to have stayed, does not.
+#[test]
+fn what_stands_on_a_moved_node_goes_along() {
+    let mut reference = room(&mut Dice(8), 14, 0);
+    let table = reference.node(NodeId(2)).unwrap().bounds.centroid();
+    let top = Box3::new(table.coords.into(), [1.4, 0.8, 0.8]).unwrap();
+    reference.insert_node(Node { bounds: top, ..reference.node(NodeId(2)).unwrap().clone() });
+    let put = |g: &mut SceneGraph, id: u64, off: [f32; 3]| {
+        let at = table + Vector3::from(off);
+        let small = Box3::new(at.coords.into(), [0.15, 0.15, 0.2]).unwrap();
+        g.insert_node(Node::new(NodeId(id), LabelId(30 + id as u16 % 3), small));
+        g.insert_edge(Edge { s: NodeId(id), t: NodeId(2), p: PredicateId(0), score: 0.9 }).unwrap();
+    };
+    put(&mut reference, 60, [0.3, 0.1, 0.5]);
+    put(&mut reference, 61, [-0.4, 0.2, 0.5]);
+    put(&mut reference, 62, [1.5, 0.0, 0.5]);
+    let shift = Vector3::new(1.3, -0.9, 0.0);
+    // 61 is seen where it was, 60 and 62 are not seen.
+    let mut query = part(&reference, |id| id != 60 && id != 62);
+    let moved = Box3::new((table + shift).coords.into(), top.extent().into()).unwrap();
+    query.insert_node(Node { bounds: moved, ..reference.node(NodeId(2)).unwrap().clone() });
+    let looked = looked_around(Point3::origin(), 9.0);
+    let blind = |id: u64| reference.node(NodeId(id)).unwrap().bounds.centroid();
+    let hidden = |c: &[i32; 3], id: u64| (0..3).all(|k| c[k] == (blind(id)[k] / 0.5).floor() as i32);
+    let cells: Vec<[i32; 3]> = looked.cells().filter(|c| !hidden(c, 60) && !hidden(c, 62)).collect();
+    let looked = Looked::new(0.5, [0.0; 3], &cells).unwrap();
+    let ask = Query { looked: Some(&looked), ..Query::new(&query) };
+    let out = align(&reference, &ask, &Params::default());
+    let Outcome::Match(m) = &out else { panic!("{out:?}") };
+    assert_eq!(m.verdicts[&NodeId(2)], Verdict::Moved(NodeId(2)));
+    let merged = update(&reference, &ask, &out, &Params::default());
+    let went = |id: u64| merged.node(NodeId(id)).unwrap().bounds.centroid() - blind(id);
+    assert!((went(60) - shift).norm() < 0.02, "stood on the table: {:?}", went(60));
+    assert!(merged.outgoing(NodeId(60)).any(|e| e.t == NodeId(2)), "and still does");
+    assert!(went(61).norm() < 0.02, "was seen where it was");
+    assert!(went(62).norm() < 1e-6, "stood beside it");
+}
+
 /// A piece inside a larger node of its class becomes part of it in a fold, and of no other class.
 #[test]
 fn folds_join_pieces_of_one_object() {

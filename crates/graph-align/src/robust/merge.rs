@@ -4,7 +4,7 @@ use super::change::shared;
 use super::index::Item;
 use super::{Index, RobustParams, Work};
 use crate::{Box3, Edge, LabelId, Match, Node, NodeId, SceneGraph, Verdict};
-use nalgebra::Isometry3;
+use nalgebra::{Isometry3, Translation3};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Pairs of nodes that are compared by one merge: a bound for crowds beyond any furnished place.
@@ -16,7 +16,7 @@ const RIVAL: f32 = 0.12;
 /// what was done.
 ///
 /// Same and relabelled nodes gather classes and sightings; moved ones take the query's box and
-/// edges; nodes of `m.removed` and `m.unmet` count a miss and go when their sightings do not outweigh it.
+/// edges, and what stood on them goes along; nodes of `m.removed` and `m.unmet` count a miss and go when their sightings do not outweigh it.
 pub(crate) fn merge(
     graph: &mut SceneGraph,
     index: Option<&mut Index>,
@@ -25,6 +25,7 @@ pub(crate) fn merge(
     params: &RobustParams,
 ) -> Merged {
     let mut touched: BTreeSet<NodeId> = BTreeSet::new();
+    let carried = carried(graph, query, m, params);
     for &r in m.removed.iter().chain(&m.unmet) {
         let Some(node) = graph.node_mut(r) else { continue };
         node.misses = node.misses.saturating_add(1);
@@ -58,6 +59,13 @@ pub(crate) fn merge(
         image.insert(q.id, id);
         touched.insert(id);
     }
+    for (&child, ride) in &carried {
+        let Some(node) = graph.node_mut(child) else { continue };
+        node.bounds = node.bounds.transformed(&ride.shift);
+        touched.insert(child);
+        // The support's old edges went; both ends are in the graph.
+        let _ = graph.insert_edge(ride.edge);
+    }
     edges(graph, query, &image);
     if let Some(index) = index {
         for &id in &touched {
@@ -67,7 +75,52 @@ pub(crate) fn merge(
             }
         }
     }
-    Merged { touched, image }
+    Merged { touched, image, carried: carried.into_keys().collect() }
+}
+
+/// Where a node goes that stands on one that moved.
+struct Ride {
+    /// How far from the middle of the support it stood, metres.
+    from_middle: f32,
+    shift: Isometry3<f32>,
+    edge: Edge,
+}
+
+/// Nodes that stood on one that moved, with an edge to it, and were not seen anywhere: they go with it. A
+/// place that was looked at and empty still counts as a miss.
+fn carried(
+    graph: &SceneGraph,
+    query: &SceneGraph,
+    m: &Match,
+    params: &RobustParams,
+) -> BTreeMap<NodeId, Ride> {
+    let met = |v: &Verdict| match *v {
+        Verdict::Same(r) | Verdict::Relabelled(r) | Verdict::Moved(r) => Some(r),
+        Verdict::New => None,
+    };
+    let seen: BTreeSet<NodeId> = m.verdicts.values().filter_map(met).collect();
+    let mut out: BTreeMap<NodeId, Ride> = BTreeMap::new();
+    for (q, verdict) in &m.verdicts {
+        let Verdict::Moved(r) = *verdict else { continue };
+        let (Some(now), Some(support)) = (query.node(*q), graph.node(r)) else { continue };
+        let now = m.reference_from_query * now.bounds.centroid();
+        for edge in graph.incoming(r).filter(|e| !seen.contains(&e.s)) {
+            let Some(child) = graph.node(edge.s) else { continue };
+            let off = child.bounds.centroid() - support.bounds.centroid();
+            let half = support.bounds.extent() / 2.0;
+            let on = off.x.abs() <= half.x && off.y.abs() <= half.y && off.z > -half.z;
+            if !on || params.structure.contains(&child.label) {
+                continue;
+            }
+            let shift = Translation3::from(now - support.bounds.centroid()).into();
+            let ride = Ride { from_middle: off.norm(), shift, edge };
+            // Of two supports the nearer one.
+            if out.get(&edge.s).is_none_or(|o| ride.from_middle < o.from_middle) {
+                out.insert(edge.s, ride);
+            }
+        }
+    }
+    out
 }
 
 /// What a merge did.
@@ -76,6 +129,8 @@ pub(crate) struct Merged {
     pub touched: BTreeSet<NodeId>,
     /// The node that each node of the query became.
     pub image: BTreeMap<NodeId, NodeId>,
+    /// Nodes that went along with what they stood on.
+    pub carried: Vec<NodeId>,
 }
 
 /// Joins nodes that are parts of others of their class: of two, the one that was seen more often, then
