@@ -47,7 +47,7 @@ pub struct Params {
     pub merge_border: f32,
     /// Side of a brick of the map and of a cell of the visibility grid, metres (default 0.25).
     pub brick: f32,
-    /// Most surfels that are kept; new ones are refused and counted beyond (default 8 million).
+    /// Most surfels that are kept; new ones are refused and counted beyond (default 24 million).
     pub max_surfels: u32,
     /// Most bricks that are kept; new ones are refused and counted beyond (default 1 million).
     pub max_bricks: u32,
@@ -78,7 +78,7 @@ impl Default for Params {
             merge_share: 0.6,
             merge_border: 40.0,
             brick: 0.25,
-            max_surfels: 8_000_000,
+            max_surfels: 24_000_000,
             max_bricks: 1_000_000,
             jump: 0.7,
         }
