@@ -240,6 +240,9 @@ fn share(hits: &mut [Hit], from: usize) {
     hits[from..].iter_mut().for_each(|h| h.weight = (UNIT / n).max(1));
 }
 
+/// The reference pairs of the bins in which one query pair looks.
+type Probed<'a> = [&'a [[u32; 2]]; 9];
+
 fn indexed_hits(
     index: &Index,
     query: &[Item],
@@ -247,8 +250,8 @@ fn indexed_hits(
     params: &RobustParams,
     work: &mut Work,
 ) -> Vec<Hit> {
-    // (entries to look at, first and second node, the smaller label first, the lists of entries).
-    let mut pairs: Vec<(usize, [u16; 2], [&[[u32; 2]]; 9])> = Vec::new();
+    // (entries to look at, first and second node with the smaller label first, the entries).
+    let mut pairs: Vec<(usize, [u16; 2], Probed<'_>)> = Vec::new();
     for i in 0..query.len() {
         // The loop itself is work, too, for a query of thousands of nodes.
         if !work.spend(query.len() as u64 / 16) {
