@@ -4,6 +4,7 @@ use crate::Error;
 use graph_align::{Box3, Footprint};
 use gsm::{Map, SegmentId};
 use nalgebra::{Point3, UnitQuaternion, Vector3};
+use std::f32::consts::{FRAC_PI_2, PI};
 
 /// Which segments become nodes, and what the network sees of them.
 #[derive(Clone, Debug, PartialEq)]
@@ -146,6 +147,11 @@ fn quantile_box(dense: &[(Point3<f32>, Vector3<f32>)]) -> Result<Box3, Error> {
     Ok(bounds.with_footprint(tightest(dense, centre))?)
 }
 
+/// Shorter over longer side below which a footprint is thin, and how far its axis may be from the
+/// rectangle's side, radians.
+const THIN: f32 = 0.3;
+const STRAY: f32 = 0.05;
+
 /// The smallest rectangle about a centre that holds all but a two-hundredth of the points on each
 /// side, over yaws in steps of five degrees, then of half a degree round the best.
 fn tightest(dense: &[(Point3<f32>, Vector3<f32>)], centre: [f32; 3]) -> Footprint {
@@ -182,5 +188,29 @@ fn tightest(dense: &[(Point3<f32>, Vector3<f32>)], centre: [f32; 3]) -> Footprin
     (middle - 9..=middle + 9).for_each(|k| {
         look(k);
     });
-    best.1
+    along(&points, best.1)
+}
+
+/// A thin footprint turned to the principal axis of its points: a line through all of them, where a
+/// rectangle hangs on the outermost.
+fn along(points: &[[f32; 2]], f: Footprint) -> Footprint {
+    let first = f.sides[0] > f.sides[1];
+    let (long, short) = if first { (f.sides[0], f.sides[1]) } else { (f.sides[1], f.sides[0]) };
+    if short > THIN * long || points.len() < 16 {
+        return f;
+    }
+    let n = points.len() as f64;
+    let mean = [0, 1].map(|k| points.iter().map(|p| f64::from(p[k])).sum::<f64>() / n);
+    let moment = |a: usize, b: usize| {
+        points.iter().map(|p| (f64::from(p[a]) - mean[a]) * (f64::from(p[b]) - mean[b])).sum::<f64>()
+    };
+    let axis = f64::atan2(2.0 * moment(0, 1), moment(0, 0) - moment(1, 1)) / 2.0;
+    let side = if first { f.yaw } else { f.yaw + FRAC_PI_2 };
+    // Axes are the same after half a turn.
+    let off = (axis as f32 - side + FRAC_PI_2).rem_euclid(PI) - FRAC_PI_2;
+    let yaw = f.yaw + off;
+    if off.abs() > STRAY || !(0.0..=FRAC_PI_2).contains(&yaw) {
+        return f;
+    }
+    Footprint { yaw, ..f }
 }

@@ -238,16 +238,16 @@ impl SceneGraph {
 pub(crate) const SCORE_STEPS: f32 = 127.0;
 
 /// Steps of a quarter turn in frames.
-pub(crate) const YAW_STEPS: f32 = 255.0;
+pub(crate) const YAW_STEPS: f32 = 1023.0;
 
 pub(crate) fn quantise_footprint(f: Footprint) -> Footprint {
     let cm = |v: f32| ((f64::from(v) * 100.0).round() / 100.0) as f32;
     let step = (f.yaw / FRAC_PI_2 * YAW_STEPS).round();
-    Footprint { sides: f.sides.map(cm), yaw: yaw_of(step as u8) }
+    Footprint { sides: f.sides.map(cm), yaw: yaw_of(step as u16) }
 }
 
 /// The yaw of a step.
-pub(crate) fn yaw_of(step: u8) -> f32 {
+pub(crate) fn yaw_of(step: u16) -> f32 {
     (f32::from(step) / YAW_STEPS * FRAC_PI_2).min(FRAC_PI_2)
 }
 

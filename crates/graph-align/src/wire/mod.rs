@@ -324,7 +324,7 @@ fn read_footprints(r: &mut Reader<'_>, nodes: &mut [Node]) -> Result<(), Error> 
     let yaw = r.column(n, YAW_STEPS as u64)?;
     let with = nodes.iter_mut().zip(&there).filter(|(_, t)| **t == 1).map(|(n, _)| n);
     for (k, node) in with.enumerate() {
-        let f = Footprint { sides: [sides[0][k], sides[1][k]], yaw: yaw_of(yaw[k] as u8) };
+        let f = Footprint { sides: [sides[0][k], sides[1][k]], yaw: yaw_of(yaw[k] as u16) };
         node.bounds = node.bounds.with_footprint(f).map_err(|e| r.bad(e.to_string()))?;
     }
     Ok(())
