@@ -9,7 +9,7 @@ use graph_align::{
     PaperParams, Params, PredicateId, Query, RobustParams, SceneGraph, Verdict, Vocabulary, align,
     align_indexed, update, wire,
 };
-use nalgebra::{Isometry3, Vector3};
+use nalgebra::{Isometry3, Translation3, Vector3};
 use std::hint::black_box;
 
 const ROOMS: usize = 47;
@@ -106,8 +106,12 @@ fn scale(
     let away = Isometry3::new(Vector3::new(31.0, -7.0, 0.4), Vector3::z() * 2.1);
     let moved = graph_align::append(&SceneGraph::default(), &seen, &away);
     let unknown = Query::new(&moved);
+    // Off where the query is, not about an origin that may be a kilometre away.
+    let here =
+        Translation3::from(seen.nodes().next().map(|n| n.bounds.centroid().coords).unwrap_or_default());
     let drift = Isometry3::new(Vector3::new(0.2, 0.2, 0.05), Vector3::z() * 2.0_f32.to_radians());
-    let near = Query { prior: Some(away.inverse() * drift), ..unknown };
+    let drift = here * drift * here.inverse();
+    let near = Query { prior: Some(drift * away.inverse()), ..unknown };
     let mut index = Index::of(&reference, &robust.robust);
     let size = format!("{} nodes, {} pair entries", reference.len(), index.pair_entries());
     let right = |o: &Outcome| match o {
