@@ -190,14 +190,16 @@ fn inliers(query: &[Spot], reference: &[Spot], pose: &Isometry3<f32>) -> Vec<[us
         }
     }
     near.sort_by(|a, b| a.0.total_cmp(&b.0).then((a.1, a.2).cmp(&(b.1, b.2))));
-    let (mut qs, mut rs) = (BTreeSet::new(), BTreeSet::new());
-    near.into_iter()
-        .filter(|n| !qs.contains(&n.1) && !rs.contains(&n.2))
-        .map(|n| [n.1, n.2])
-        .collect::<Vec<_>>()
-        .into_iter()
-        .filter(|&[i, j]| qs.insert(i) && rs.insert(j))
-        .collect()
+    let (mut used_q, mut used_r) = (BTreeSet::new(), BTreeSet::new());
+    let mut out = Vec::new();
+    for (_, i, j) in near {
+        if !used_q.contains(&i) && !used_r.contains(&j) {
+            used_q.insert(i);
+            used_r.insert(j);
+            out.push([i, j]);
+        }
+    }
+    out
 }
 
 /// A verified place: its pose and inliers.

@@ -59,13 +59,8 @@ fn bench(args: &[String]) -> Result<ExitCode> {
 
 /// A fuzzer, from a release build; its exit code is ours.
 fn fuzz(args: &[String]) -> Result<ExitCode> {
-    let (package, rest) = match args.split_first().map(|(t, r)| (t.as_str(), r)) {
-        Some(("gsm", rest)) => ("ma3dsg-gsm", rest),
-        Some(("wire" | "align", _)) => ("graph-align", args),
-        _ => bail!("fuzz: want a target: gsm, wire or align"),
-    };
-    let status = cargo(&["run", "--release", "--quiet", "-p", package, "--example", "fuzz", "--"])
-        .args(rest)
+    let status = cargo(&["run", "--release", "--quiet", "-p", "benches", "--bin", "fuzz", "--"])
+        .args(args)
         .status()
         .context("cargo run")?;
     Ok(ExitCode::from(u8::try_from(status.code().unwrap_or(1)).unwrap_or(1)))

@@ -1,43 +1,11 @@
-//! Seeded mutation fuzzing of `Map::integrate`, in process: `fuzz --minutes M [--seed N]`.
-//!
-//! An input is a string of bytes that is read as a camera, parameters and a run of frames. Inputs that show a new
-//! behaviour (skips, events and counts by powers of two) are kept and mutated. This is coverage of behaviours, not of
-//! code: it needs no instrumented build.
+//! `Map::integrate`: an input is read as a camera, parameters and a run of twelve frames.
 
-#![allow(clippy::print_stdout, reason = "an example speaks")]
-
+use crate::{Random, Reader, Shown, log};
 use gsm::{DepthView, Error, FrameReport, Intrinsics, Map, NoiseModel, Params, Profile};
 use nalgebra::{Isometry3, Quaternion, Translation3, Unit, UnitQuaternion, Vector3};
 use std::collections::BTreeSet;
-use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::process::ExitCode;
-use std::time::{Duration, Instant};
-
-struct Random(u64);
-
-impl Random {
-    fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let z = (self.0 ^ self.0 >> 30).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        let z = (z ^ z >> 27).wrapping_mul(0x94D0_49BB_1331_11EB);
-        z ^ z >> 31
-    }
-
-    fn below(&mut self, n: usize) -> usize {
-        (self.next() % n.max(1) as u64) as usize
-    }
-}
-
-/// Reads values off an input; zeros after its end.
-struct Reader<'a>(&'a [u8]);
 
 impl Reader<'_> {
-    fn byte(&mut self) -> u8 {
-        let Some((&first, rest)) = self.0.split_first() else { return 0 };
-        self.0 = rest;
-        first
-    }
-
     /// Mostly plain numbers within ±`scale`, sometimes the ones that hurt.
     fn real(&mut self, scale: f32) -> f32 {
         match self.byte() {
@@ -49,9 +17,10 @@ impl Reader<'_> {
 }
 
 /// Runs an input; its behaviours, or what is wrong.
-fn run(input: &[u8]) -> Result<BTreeSet<u64>, String> {
+pub(crate) fn run(input: &[u8]) -> Result<Shown, String> {
     let mut r = Reader(input);
     let mut seen = BTreeSet::new();
+    let only = |behaviour: u64| Ok(Shown { behaviours: BTreeSet::from([behaviour]), found: None });
     let sizes = [1, 2, 3, 17, 40, 64, 97, 160];
     let (w, h) = (sizes[usize::from(r.byte()) % 8], sizes[usize::from(r.byte()) % 8]);
     let focal = r.real(1.0).abs() * 2.0 * w as f32;
@@ -66,8 +35,8 @@ fn run(input: &[u8]) -> Result<BTreeSet<u64>, String> {
     let limit = params.max_surfels;
     let (intrinsics, mut map) = match (camera, Map::new(params)) {
         (Ok(c), Ok(m)) => (c, m),
-        (Err(Error::Intrinsics { field, .. }), _) => return Ok(BTreeSet::from([field.len() as u64])),
-        _ => return Ok(BTreeSet::from([1])),
+        (Err(Error::Intrinsics { field, .. }), _) => return only(field.len() as u64),
+        _ => return only(1),
     };
     for index in 0..12 {
         let depth = image(&mut r, w as usize, h as usize);
@@ -85,7 +54,7 @@ fn run(input: &[u8]) -> Result<BTreeSet<u64>, String> {
         });
         seen.extend(behaviours(&report));
     }
-    check(&map, limit).map(|()| seen)
+    check(&map, limit).map(|()| Shown { behaviours: seen, found: None })
 }
 
 /// A slanted or stepped surface, noise, a constant, nothing, or the wrong length.
@@ -122,11 +91,8 @@ fn behaviours(report: &FrameReport) -> Vec<u64> {
         c.refused,
         c.segments,
     ];
-    let mut all: Vec<u64> = numbers
-        .iter()
-        .enumerate()
-        .map(|(k, n)| 100 + 40 * k as u64 + u64::from(n.checked_ilog2().map_or(0, |l| l + 1)))
-        .collect();
+    let mut all: Vec<u64> =
+        numbers.iter().enumerate().map(|(k, n)| 100 + 40 * k as u64 + log(u64::from(*n))).collect();
     all.push(20 + report.skipped.map_or(0, |s| s as u64 + 1) + 8 * u64::from(report.jumped));
     all.extend(report.events.iter().map(|e| {
         // The variant's name by its length: all differ but two, which their first letter tells apart.
@@ -155,57 +121,4 @@ fn check(map: &Map, limit: u32) -> Result<(), String> {
         return Err(format!("{all} surfels, limit {limit}"));
     }
     Ok(())
-}
-
-fn mutate(corpus: &[Vec<u8>], random: &mut Random) -> Vec<u8> {
-    let mut input = corpus[random.below(corpus.len())].clone();
-    for _ in 0..=random.below(6) {
-        let at = random.below(input.len());
-        match random.below(4) {
-            0 => input[at] = random.next() as u8,
-            1 => input[at] ^= 1 << random.below(8),
-            2 if input.len() < 600 => {
-                let other = &corpus[random.below(corpus.len())];
-                let from = random.below(other.len());
-                input.splice(at..at, other[from..(from + 20).min(other.len())].iter().copied());
-            }
-            _ => input[at] = 255,
-        }
-    }
-    input
-}
-
-#[allow(clippy::disallowed_methods, reason = "the time budget of a fuzzer")]
-fn main() -> ExitCode {
-    let args: Vec<String> = std::env::args().skip(1).collect();
-    let value = |name: &str| args.iter().position(|a| a == name).and_then(|i| args.get(i + 1)?.parse().ok());
-    let (minutes, seed): (f64, f64) = (value("--minutes").unwrap_or(1.0), value("--seed").unwrap_or(1.0));
-    let end = Instant::now() + Duration::from_secs_f64(60.0 * minutes.clamp(0.0, 10_000.0));
-    let mut random = Random(seed as u64);
-    let mut corpus: Vec<Vec<u8>> = (0..8).map(|_| (0..200).map(|_| random.next() as u8).collect()).collect();
-    let (mut seen, mut executions) = (BTreeSet::new(), 0u64);
-    while Instant::now() < end {
-        let input = mutate(&corpus, &mut random);
-        executions += 1;
-        match catch_unwind(AssertUnwindSafe(|| run(&input))) {
-            Ok(Ok(found)) => {
-                let before = seen.len();
-                seen.extend(found);
-                if seen.len() > before {
-                    corpus.push(input);
-                }
-            }
-            bad => {
-                let what = bad.map_or_else(|_| "panic".to_owned(), |r| r.err().unwrap_or_default());
-                println!("{what}\ninput {input:?}");
-                return ExitCode::FAILURE;
-            }
-        }
-    }
-    println!(
-        "{executions} executions of 12 frames, {} behaviours, {} inputs kept, no failure",
-        seen.len(),
-        corpus.len()
-    );
-    ExitCode::SUCCESS
 }
