@@ -39,7 +39,14 @@ impl Segments {
         self.issued = self.issued.checked_add(1)?;
         let record = Record { id: self.issued, born: frame, ..Record::default() };
         events.push(SegmentEvent::Added(SegmentId(self.issued)));
-        let slot = match self.free.pop() {
+        let slot = self.put(record);
+        self.touched.push(slot);
+        Some(slot)
+    }
+
+    /// A free slot for a record.
+    fn put(&mut self, record: Record) -> u32 {
+        match self.free.pop() {
             Some(slot) => {
                 self.slots[slot as usize] = record;
                 slot
@@ -48,9 +55,7 @@ impl Segments {
                 self.slots.push(record);
                 self.slots.len() as u32 - 1
             }
-        };
-        self.touched.push(slot);
-        Some(slot)
+        }
     }
 
     /// Closes a slot that lost its last surfel, or never got one.
@@ -79,17 +84,7 @@ impl Segments {
         if let Some(slot) = self.slots.iter().position(|r| r.id == id) {
             return slot as u32;
         }
-        let record = Record { id, born: frame, ..Record::default() };
-        match self.free.pop() {
-            Some(slot) => {
-                self.slots[slot as usize] = record;
-                slot
-            }
-            None => {
-                self.slots.push(record);
-                self.slots.len() as u32 - 1
-            }
-        }
+        self.put(Record { id, born: frame, ..Record::default() })
     }
 
     pub(crate) fn is_open(&self, slot: u32) -> bool {
