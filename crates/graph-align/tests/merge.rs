@@ -36,6 +36,18 @@ fn unsure(g: &SceneGraph) -> SceneGraph {
     changed(g, |n| n.score = 0.7)
 }
 
+fn place(g: &SceneGraph, id: u64) -> Point3<f32> {
+    g.node(NodeId(id)).unwrap().bounds.centroid()
+}
+
+/// The cells without those in which some nodes stand.
+fn but_for(looked: &Looked, g: &SceneGraph, ids: &[u64]) -> Looked {
+    let hidden: Vec<[i32; 3]> =
+        ids.iter().map(|&id| [0, 1, 2].map(|k| (place(g, id)[k] / 0.5).floor() as i32)).collect();
+    let cells: Vec<[i32; 3]> = looked.cells().filter(|c| !hidden.contains(c)).collect();
+    Looked::new(0.5, [0.0; 3], &cells).unwrap()
+}
+
 /// A node that was seen once goes when a visit looks at its place and does not see it; one that was seen
 /// twice stays after one such visit and goes after the second; without a look nothing goes.
 #[test]
@@ -97,10 +109,7 @@ fn relations_follow_what_was_seen() {
     query = fresh;
     let looked = looked_around(Point3::origin(), 6.0);
     // Two is looked at, nine is not known to be.
-    let nine = reference.node(NodeId(9)).unwrap().bounds.centroid();
-    let cells: Vec<[i32; 3]> =
-        looked.cells().filter(|c| (0..3).any(|k| c[k] != (nine[k] / 0.5).floor() as i32)).collect();
-    let looked = Looked::new(0.5, [0.0; 3], &cells).unwrap();
+    let looked = but_for(&looked, &reference, &[9]);
     let ask = Query { looked: Some(&looked), ..Query::new(&query) };
     let out = align(&reference, &ask, &Params::default());
     let Outcome::Match(m) = &out else { panic!("{out:?}") };
@@ -136,16 +145,13 @@ fn what_stands_on_a_moved_node_goes_along() {
     let moved = Box3::new((table + shift).coords.into(), top.extent().into()).unwrap();
     query.insert_node(Node { bounds: moved, ..reference.node(NodeId(2)).unwrap().clone() });
     let looked = looked_around(Point3::origin(), 9.0);
-    let blind = |id: u64| reference.node(NodeId(id)).unwrap().bounds.centroid();
-    let hidden = |c: &[i32; 3], id: u64| (0..3).all(|k| c[k] == (blind(id)[k] / 0.5).floor() as i32);
-    let cells: Vec<[i32; 3]> = looked.cells().filter(|c| !hidden(c, 60) && !hidden(c, 62)).collect();
-    let looked = Looked::new(0.5, [0.0; 3], &cells).unwrap();
+    let looked = but_for(&looked, &reference, &[60, 62]);
     let ask = Query { looked: Some(&looked), ..Query::new(&query) };
     let out = align(&reference, &ask, &Params::default());
     let Outcome::Match(m) = &out else { panic!("{out:?}") };
     assert_eq!(m.verdicts[&NodeId(2)], Verdict::Moved(NodeId(2)));
     let merged = update(&reference, &ask, &out, &Params::default());
-    let went = |id: u64| merged.node(NodeId(id)).unwrap().bounds.centroid() - blind(id);
+    let went = |id: u64| place(&merged, id) - place(&reference, id);
     assert!((went(60) - shift).norm() < 0.02, "stood on the table: {:?}", went(60));
     assert!(merged.outgoing(NodeId(60)).any(|e| e.t == NodeId(2)), "and still does");
     assert!(went(61).norm() < 0.02, "was seen where it was");
@@ -166,10 +172,17 @@ fn folds_join_pieces_of_one_object() {
     put(&mut g, 51, 20, [20.6, 0.1, 0.5], [0.6, 0.6, 0.6]);
     put(&mut g, 52, 21, [20.6, 0.1, 0.5], [0.5, 0.5, 0.5]);
     g.insert_edge(Edge { s: NodeId(51), t: NodeId(52), p: PredicateId(1), score: 0.5 }).unwrap();
+    // Whole and piece disagree about 0 and about 1; the surer relation is the one that stays.
+    for (s, t, p, score) in [(50, 0, 0, 0.6), (51, 0, 1, 0.7), (50, 1, 0, 0.7), (51, 1, 1, 0.6)] {
+        g.insert_edge(Edge { s: NodeId(s), t: NodeId(t), p: PredicateId(p), score }).unwrap();
+    }
     let merged = fold(&[observation(0, 0, 0, &g, None)]).main_graph();
     let ids: Vec<u64> = merged.nodes().map(|n| n.id.0).filter(|id| *id >= 50).collect();
     assert_eq!(ids, [50, 52]);
     assert!(merged.outgoing(NodeId(50)).any(|e| e.t == NodeId(52)), "the piece's relation is the whole's");
+    let to =
+        |t: u64| merged.outgoing(NodeId(50)).filter(|e| e.t == NodeId(t)).map(|e| e.p.0).collect::<Vec<_>>();
+    assert_eq!((to(0), to(1)), (vec![1], vec![0]), "one relation per neighbour");
 }
 
 proptest! {

@@ -82,6 +82,70 @@ proptest! {
     }
 }
 
+fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|b| format!("{b:02x}")).collect()
+}
+
+/// Two frames byte for byte, as an encoder in Python wrote them that knew `docs/wire.md` alone.
+#[test]
+fn frames_are_those_of_the_document() {
+    let v = Vocabulary::new(["wall", "chair", "lamp"], ["on", "near"]).expect("names differ");
+    let mut g = SceneGraph::default();
+    let cm = |c: [i32; 3]| c.map(|c| (f64::from(c) / 100.0) as f32);
+    let mut put = |id, label, at, extent, score: u8, sightings, seen, others: &[(u16, u8)], misses| {
+        let mut n = Node::new(NodeId(id), LabelId(label), Box3::new(cm(at), cm(extent)).expect("finite"));
+        if id == 5 {
+            let f = Footprint { sides: [4.0, 0.12], yaw: 341.0 / 1023.0 * std::f32::consts::FRAC_PI_2 };
+            n.bounds = n.bounds.with_footprint(f).expect("sides of a box");
+        }
+        n.score = f32::from(score) / 127.0;
+        n.others = others.iter().map(|&(l, s)| (LabelId(l), f32::from(s) / 127.0)).collect();
+        (n.sightings, n.misses, n.last_seen) = (sightings, misses, seen);
+        g.insert_node(n);
+    };
+    put(5, 0, [120, -400, 130], [400, 20, 260], 127, 1, 90.0, &[], 0);
+    put(6, 1, [-35, 10, 45], [50, 55, 90], 64, 4, 87.5, &[(2, 30), (0, 2)], 0);
+    put(900, 2, [250, 12, -1], [20, 21, 30], 3, 1, 10.1, &[(1, 60)], 3);
+    let e = |s, t, p, score: u8| Edge {
+        s: NodeId(s),
+        t: NodeId(t),
+        p: PredicateId(p),
+        score: f32::from(score) / 127.0,
+    };
+    g.insert_edge(e(6, 5, 0, 100)).expect("both there");
+    g.insert_edge(e(900, 6, 1, 127)).expect("both there");
+    let hidden = [[2, 1, 2], [2, 1, 3], [-1, 2, 3]];
+    let cells: Vec<[i32; 3]> =
+        (0..24).map(|k| [k % 4 - 1, k / 4 % 3, k / 12 + 2]).filter(|c| !hidden.contains(c)).collect();
+    let o = Observation {
+        key: Key { start_ds: 100, agent: 3, epoch: 1, seq: 7 },
+        end_ds: 900,
+        frame: 2,
+        graph: g,
+        looked: Some(Looked::new(0.5, cm([10, -20, 0]), &cells).expect("small")),
+    };
+    let want = "\
+    4d534733070549952e07030fc91c547050b04001a06f02e9f8030729f0d4a463cac73413504230d5960687ca29067557\
+    0b0cb1ee07db1b81324c46100964044baa123082c4f0049e000b2e48a083fc2fcba076b421a281530e10b700";
+    assert_eq!(hex(&wire::encode(&o, &v).expect("small")), want);
+
+    // Rows that are alike: guessed from the row before, which the first of a layer does not have.
+    let rows: Vec<[i32; 3]> = (0..48)
+        .filter(|k| [true, true, false, true, false, true][*k % 6])
+        .map(|k| [k % 6, k / 6 % 4, k / 24].map(|c| c as i32))
+        .collect();
+    let o = Observation {
+        key: Key { start_ds: 0, agent: 0, epoch: 0, seq: 1 },
+        end_ds: 10,
+        frame: 0,
+        graph: SceneGraph::default(),
+        looked: Some(Looked::new(0.5, [0.0; 3], &rows).expect("small")),
+    };
+    let want = "\
+    4d534733020549952e010103011501010165010106534f1030";
+    assert_eq!(hex(&wire::encode(&o, &v).expect("small")), want);
+}
+
 /// A building: rooms of 5 m on a grid, nodes and edges spread evenly over them, in l20 or l160 names.
 fn building(rooms: u64, nodes: u64, edges: u64, names: (u16, u16), seed: u64) -> (SceneGraph, Vocabulary) {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
