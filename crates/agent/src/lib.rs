@@ -2,8 +2,9 @@
 //!
 //! The only crate that knows segmentation, inference and graphs at once. The flow of a visit:
 //! [`Robot::segment`] integrates frames, [`Robot::infer`] scores what changed, [`Robot::objects`]
-//! joins segments to objects and looks at them again, [`Robot::graph`] writes the scene graph. [`NodeSet`] is what lies between: one node per
-//! segment with its points and box, and the pairs of neighbours; the trainer stores the same thing.
+//! joins segments to objects and looks at them again, [`Robot::graph`] writes the scene graph.
+//! [`NodeSet`] is what lies between: one node per segment with its points and box, and the pairs of
+//! neighbours; the trainer stores the same thing.
 //!
 //! ```no_run
 //! use agent::{Robot, RobotParams};
@@ -20,7 +21,7 @@
 //! ```
 
 mod fusion;
-mod instances;
+mod graph;
 mod looked;
 mod nodes;
 mod objects;
@@ -28,7 +29,7 @@ mod parts;
 mod robot;
 
 pub use fusion::{Fused, Scores};
-pub use instances::{GraphParams, build_graph};
+pub use graph::{GraphParams, build_graph};
 pub use nodes::{NodeInput, NodeParams, NodeSet};
 pub use objects::Objects;
 pub use robot::{Robot, RobotParams, integrate};
