@@ -7,7 +7,7 @@
 #![allow(clippy::print_stdout, reason = "a program speaks")]
 
 use graph_align::{
-    Error, Observation, Outcome, Params, Query, RobustParams, SceneGraph, Vocabulary, align, append, wire,
+    Observation, Outcome, Params, Query, RobustParams, SceneGraph, Vocabulary, align, append, wire,
 };
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use scan3r::LabelSet;
@@ -20,7 +20,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let set = LabelSet::L20;
     let names =
         Vocabulary::new(set.classes().iter().copied().chain(["none"]), set.predicates().iter().copied())?;
-    let visits = frames(&std::fs::read(path)?, &names)?;
+    let file = std::fs::read(path)?;
+    let visits =
+        wire::split(&file)?.into_iter().map(|f| wire::decode(f, &names)).collect::<Result<Vec<_>, _>>()?;
     let params = Params { robust: RobustParams::for_vocabulary(&names), ..Params::default() };
     let (mut own, mut other) = ([0; 4], [0; 3]);
     for (i, a) in visits.iter().enumerate() {
@@ -56,15 +58,4 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 fn middle(o: &Observation) -> Point3<f32> {
     let n = o.graph.len().max(1) as f32;
     Point3::from(o.graph.nodes().fold(Vector3::zeros(), |s, x| s + x.bounds.centroid().coords / n))
-}
-
-/// Frames behind their lengths.
-fn frames(mut bytes: &[u8], names: &Vocabulary) -> Result<Vec<Observation>, Error> {
-    let mut out = Vec::new();
-    while let Some((length, rest)) = bytes.split_first_chunk::<4>() {
-        let n = (u32::from_le_bytes(*length) as usize).min(rest.len());
-        out.push(wire::decode(&rest[..n], names)?);
-        bytes = &rest[n..];
-    }
-    Ok(out)
 }

@@ -50,18 +50,15 @@ fn wide(size: [u32; 3]) -> [usize; 3] {
     size.map(|s| s as usize)
 }
 
-/// Distances between cells that are not as guessed, each at least 0 cells after the one before.
-fn gaps(bits: &[u8], size: [usize; 3], guess: &Guess) -> Vec<u64> {
-    let cells = size.iter().product();
+/// Distances between cells that are not as guessed, each the cells behind the one before.
+fn gaps<'a>(bits: &'a [u8], size: [usize; 3], guess: &'a Guess) -> impl Iterator<Item = u64> + 'a {
     let mut next = 0;
-    let mut out = Vec::new();
-    for at in 0..cells {
-        if bits[at / 8] >> (at % 8) & 1 != guess.of(bits, at, size) {
-            out.push((at - next) as u64);
-            next = at + 1;
-        }
-    }
-    out
+    let surprise = move |at: &usize| bits[at / 8] >> (at % 8) & 1 != guess.of(bits, *at, size);
+    (0..size.iter().product()).filter(surprise).map(move |at: usize| {
+        let gap = (at - next) as u64;
+        next = at + 1;
+        gap
+    })
 }
 
 pub(super) fn put(w: &mut Writer, l: &Looked) {
@@ -70,17 +67,13 @@ pub(super) fn put(w: &mut Writer, l: &Looked) {
     w.signed(&[0, 1, 2].map(|k| to_cm(l.origin()[k])));
     w.signed(&first.map(i64::from));
     w.column(&size.map(u64::from));
-    let ways = GUESSES.map(|guess| {
-        let gaps = gaps(l.bits(), wide(size), &guess);
-        let mut w = Writer::default();
-        w.column(&gaps);
-        (w.finish().len(), gaps)
-    });
+    let surprises = |guess: &Guess| gaps(l.bits(), wide(size), guess).count();
     // The first of equals.
-    let Some((guess, (_, gaps))) = ways.iter().enumerate().min_by_key(|(_, w)| w.0) else { return };
-    w.bits(guess as u64, 3);
+    let Some((k, guess)) = GUESSES.iter().enumerate().min_by_key(|(_, g)| surprises(g)) else { return };
+    let gaps: Vec<u64> = gaps(l.bits(), wide(size), guess).collect();
+    w.bits(k as u64, 3);
     w.number(gaps.len() as u64);
-    w.column(gaps);
+    w.column(&gaps);
 }
 
 pub(super) fn read(r: &mut Reader<'_>, frame_bytes: usize) -> Result<Looked, Error> {

@@ -2,8 +2,9 @@
 
 use super::bits::{Reader, Writer};
 use super::{
-    DELTA, LOOKED, LOOKED_AS_BEFORE, MAX_EDGES, MAX_NODES, NODE_BYTES, cells, check_size, encode, flags_of,
-    head, only_way, open, padded, put_edges, put_name, put_nodes, read_edges, read_name, read_nodes,
+    DELTA, EDGE_BYTES, LOOKED, LOOKED_AS_BEFORE, MAX_EDGES, MAX_NODES, NODE_BYTES, cells, check_size, encode,
+    flags_of, head, only_way, open, padded, put_edges, put_name, put_nodes, read_edges, read_name,
+    read_nodes,
 };
 use crate::{Edge, Error, Node, Observation, SceneGraph, Vocabulary};
 
@@ -61,7 +62,8 @@ pub fn decode_delta(bytes: &[u8], base: &Observation, vocabulary: &Vocabulary) -
     for k in read_places(&mut r, old.len())? {
         graph.remove_edge(&old[k]);
     }
-    let (n, m) = (r.count(MAX_NODES, bytes.len() / NODE_BYTES)?, r.count(MAX_EDGES, bytes.len())?);
+    let (n, m) =
+        (r.count(MAX_NODES, bytes.len() / NODE_BYTES)?, r.count(MAX_EDGES, bytes.len() / EDGE_BYTES)?);
     read_nodes(&mut r, n, flags, end_ds, vocabulary)?.into_iter().for_each(|n| graph.insert_node(n));
     for e in read_edges(&mut r, m, &graph, vocabulary)? {
         graph.remove_edge(&e);

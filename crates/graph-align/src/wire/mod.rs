@@ -30,8 +30,9 @@ pub const MAX_NODES: usize = 1 << 16;
 pub const MAX_EDGES: usize = 1 << 18;
 /// Bytes of magic, flags and vocabulary.
 const HEAD: usize = 9;
-/// Shortest frame per node, bytes: what bounds the memory that a short frame can ask for.
-const NODE_BYTES: usize = 4;
+/// Shortest frame per node and per edge, bytes: what bounds the memory that a short frame can ask for.
+const NODE_BYTES: usize = 8;
+const EDGE_BYTES: usize = 2;
 
 /// An observation as bytes. Decoding gives [`SceneGraph::quantised`] of its graph.
 ///
@@ -66,7 +67,8 @@ pub fn decode(bytes: &[u8], vocabulary: &Vocabulary) -> Result<Observation, Erro
         return Err(r.bad(format!("flags {flags:#x} of no whole observation")));
     }
     let (key, end_ds, frame) = read_name(&mut r)?;
-    let (n, m) = (r.count(MAX_NODES, bytes.len() / NODE_BYTES)?, r.count(MAX_EDGES, bytes.len())?);
+    let (n, m) =
+        (r.count(MAX_NODES, bytes.len() / NODE_BYTES)?, r.count(MAX_EDGES, bytes.len() / EDGE_BYTES)?);
     let nodes = read_nodes(&mut r, n, flags, end_ds, vocabulary)?;
     let mut graph = SceneGraph::default();
     nodes.into_iter().for_each(|n| graph.insert_node(n));
@@ -77,6 +79,30 @@ pub fn decode(bytes: &[u8], vocabulary: &Vocabulary) -> Result<Observation, Erro
     let o = Observation { key, end_ds, frame, graph, looked };
     only_way(&encode(&o, vocabulary)?, bytes)?;
     Ok(o)
+}
+
+/// The frames of a file: one alone, or several each behind its length as u32, little-endian.
+///
+/// # Errors
+/// A length beyond what is left.
+pub fn split(bytes: &[u8]) -> Result<Vec<&[u8]>, Error> {
+    if bytes.starts_with(MAGIC) {
+        return Ok(vec![bytes]);
+    }
+    let (mut out, mut rest) = (Vec::new(), bytes);
+    while !rest.is_empty() {
+        let at = bytes.len() - rest.len();
+        let bad = |problem: String| Error::format(format!("byte {at}"), problem);
+        let (length, tail) =
+            rest.split_first_chunk::<4>().ok_or_else(|| bad("the last length ends early".into()))?;
+        let n = u32::from_le_bytes(*length) as usize;
+        if n > tail.len() {
+            return Err(bad(format!("a frame of {n} bytes where {} are left", tail.len())));
+        }
+        out.push(&tail[..n]);
+        rest = &tail[n..];
+    }
+    Ok(out)
 }
 
 fn check_size(g: &SceneGraph) -> Result<(), Error> {
@@ -124,7 +150,7 @@ fn padded(w: Writer, nodes: usize, edges: usize, looked: Option<&Looked>) -> Vec
     let mut bytes = w.finish();
     // A grid that is too large for memory cannot exist.
     let cells = looked.map_or(0, |l| cells::least_bytes(l.span().1)) as usize;
-    let least = (nodes * NODE_BYTES).max(edges).max(cells);
+    let least = nodes * NODE_BYTES + edges * EDGE_BYTES + cells;
     if bytes.len() < least {
         bytes.resize(least, 0);
     }

@@ -11,9 +11,6 @@ use sha2::{Digest, Sha256};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-/// Longest frame that is read, bytes.
-const MAX_FRAME: usize = 64 << 20;
-
 #[derive(clap::Args)]
 pub(crate) struct EncodeArgs {
     /// Graph file (ma3dsg-graph/1) of the l20 or l160 label set.
@@ -156,7 +153,7 @@ impl FoldArgs {
         let mut vocabulary = None;
         for path in &self.frames {
             let bytes = files::read(path)?;
-            for frame in split(&bytes).with_context(|| format!("{}", path.display()))? {
+            for frame in wire::split(&bytes).with_context(|| format!("{}", path.display()))? {
                 let (o, v) = decode(frame, path)?;
                 if vocabulary.get_or_insert_with(|| v.clone()) != &v {
                     bail!("{}: another label set than the frames before it", path.display());
@@ -199,23 +196,4 @@ impl FoldArgs {
         }
         Ok(ExitCode::SUCCESS)
     }
-}
-
-/// One frame, or many behind their lengths.
-fn split(bytes: &[u8]) -> Result<Vec<&[u8]>> {
-    if bytes.starts_with(wire::MAGIC) {
-        return Ok(vec![bytes]);
-    }
-    let mut out = Vec::new();
-    let mut rest = bytes;
-    while !rest.is_empty() {
-        let Some((length, tail)) = rest.split_first_chunk::<4>() else { bail!("the last length ends early") };
-        let n = u32::from_le_bytes(*length) as usize;
-        if n > MAX_FRAME || n > tail.len() {
-            bail!("a frame of {n} bytes where {} are left", tail.len());
-        }
-        out.push(&tail[..n]);
-        rest = &tail[n..];
-    }
-    Ok(out)
 }
