@@ -141,11 +141,15 @@ impl Args {
         };
         let Some(m) = measured else { return (NoiseModel::of(given), name(given).to_owned()) };
         let model = if self.noise == "measured" { m.model } else { NoiseModel::of(given) };
+        // Errors that neighbours share, as those of depth in steps are, do not show in their differences.
+        let ratio = match m.model.profile {
+            Profile::TofPhone => format!(" x {:.2}", m.ratio),
+            Profile::Structured | Profile::Ideal => String::new(),
+        };
         let seen = format!(
-            "measured on {} frames: {} x {:.2}, depth steps of {:.1} mm",
+            "measured on {} frames: {}{ratio}, depth steps of {:.1} mm",
             m.frames,
             name(m.model.profile),
-            m.ratio,
             m.step * 1e3
         );
         (model, format!("{} x {:.2} ({seen})", name(model.profile), model.scale))
