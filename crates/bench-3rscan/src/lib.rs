@@ -16,6 +16,7 @@
 
 pub mod correspond;
 mod error;
+pub mod flush;
 pub mod layout;
 pub mod parts;
 pub mod rates;

@@ -5,8 +5,8 @@ use crate::progress::Progress;
 use crate::{files, pipeline};
 use agent::NodeParams;
 use anyhow::{Context, Result};
-use bench_3rscan::Surface;
 use bench_3rscan::parts::{Overlaps, PartScores, boundary_recall};
+use bench_3rscan::{Surface, flush};
 use gsm::{DepthView, Intrinsics, Map, Profile};
 use rayon::prelude::*;
 use room_synth::{SensorParams, Split, World, WorldParams};
@@ -46,6 +46,8 @@ struct Room {
     segments: usize,
     nodes: usize,
     scores: PartScores,
+    /// The same with pieces of one class in one plane, such as those of a cut wall, taken for one part.
+    surfaces: PartScores,
     /// Boundary pixels found within two pixels, and all.
     boundary: [u64; 2],
     /// Per class: stable surfels, surfels weighted by best overlap, instances of 1500 samples, nodes among them.
@@ -60,6 +62,7 @@ struct Condition {
     /// Name of the noise profile.
     profile: &'static str,
     mean: PartScores,
+    surfaces: PartScores,
     boundary_recall: Option<f64>,
     rooms: Vec<Room>,
 }
@@ -90,7 +93,8 @@ impl Args {
             all.push(Condition {
                 name,
                 profile: profile_name,
-                mean: mean(&rooms),
+                mean: mean(rooms.iter().map(|r| &r.scores)),
+                surfaces: mean(rooms.iter().map(|r| &r.surfaces)),
                 boundary_recall: (boundary[1] > 0).then(|| boundary[0] as f64 / boundary[1] as f64),
                 rooms,
             });
@@ -109,10 +113,8 @@ fn sum<const N: usize>(items: impl Iterator<Item = [u64; N]>) -> [u64; N] {
     items.fold([0; N], |a, b| std::array::from_fn(|k| a[k] + b[k]))
 }
 
-fn mean(rooms: &[Room]) -> PartScores {
-    let of = |f: fn(&PartScores) -> f64| {
-        rooms.iter().map(|r| f(&r.scores)).sum::<f64>() / rooms.len().max(1) as f64
-    };
+fn mean<'a>(scores: impl ExactSizeIterator<Item = &'a PartScores> + Clone) -> PartScores {
+    let of = |f: fn(&PartScores) -> f64| scores.clone().map(f).sum::<f64>() / scores.len().max(1) as f64;
     PartScores {
         covering: of(|s| s.covering),
         ari: of(|s| s.ari),
@@ -134,6 +136,11 @@ fn print(c: &Condition) {
         c.boundary_recall.map_or("-".to_owned(), |r| format!("{r:.3}")),
         m.purity,
         m.completeness
+    ));
+    let m = &c.surfaces;
+    say(format!(
+        "  pieces of one class in one plane taken for one part: covering {:.3}  ARI {:.3}  under-segmentation {:.3}  purity {:.3}  completeness {:.3}",
+        m.covering, m.ari, m.under_segmentation, m.purity, m.completeness
     ));
     for r in &c.rooms {
         say(format!(
@@ -197,11 +204,13 @@ fn measure(world: &World, scan: &str, segmentation: &gsm::Params) -> Result<Room
         }
     }
     let surface = Surface::new(world.annotation(scan)?);
-    let mut overlaps = Overlaps::default();
+    let (mut overlaps, mut flushed) = (Overlaps::default(), Overlaps::default());
+    let whole = flush::surfaces(surface.annotation());
     let stable: Vec<_> = map.surfels().filter(|s| s.stable).collect();
     for s in &stable {
         if let Some(truth) = surface.instance_at(&s.position).filter(|&t| t != 0) {
             overlaps.add(truth, s.segment.map(|s| s.0));
+            flushed.add(whole.get(&truth).copied().unwrap_or(truth), s.segment.map(|s| s.0));
         }
     }
     let p = NodeParams::default();
@@ -237,6 +246,7 @@ fn measure(world: &World, scan: &str, segmentation: &gsm::Params) -> Result<Room
         segments: map.segments().count(),
         nodes: nodes.len(),
         scores: overlaps.scores().unwrap_or_default(),
+        surfaces: flushed.scores().unwrap_or_default(),
         boundary,
         classes,
         curve: curve.collect(),
