@@ -33,6 +33,17 @@ impl Overlaps {
         *self.cells.entry((truth, segment)).or_default() += 1;
     }
 
+    /// Per segment the elements of every true part in it.
+    pub fn by_segment(&self) -> BTreeMap<u32, BTreeMap<u32, u64>> {
+        let mut all: BTreeMap<u32, BTreeMap<u32, u64>> = BTreeMap::new();
+        for (&(g, s), &n) in &self.cells {
+            if let Some(s) = s {
+                *all.entry(s).or_default().entry(g).or_default() += n;
+            }
+        }
+        all
+    }
+
     /// Sizes of the true parts.
     pub fn parts(&self) -> BTreeMap<u32, u64> {
         sums(self.cells.iter().map(|(&(g, _), &n)| (g, n)))

@@ -32,6 +32,12 @@ pub(crate) struct Args {
     /// Seed.
     #[arg(long, default_value_t = 1)]
     seed: u64,
+    /// Also with each kind of the sensor's faults alone.
+    #[arg(long)]
+    faults: bool,
+    /// List the segments that add most to the under-segmentation error.
+    #[arg(long)]
+    mixed: bool,
     /// Write the figures as JSON.
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
@@ -52,8 +58,12 @@ struct Room {
     boundary: [u64; 2],
     /// Per class: stable surfels, surfels weighted by best overlap, instances of 1500 samples, nodes among them.
     classes: BTreeMap<&'static str, [f64; 4]>,
+    /// Segments that hold most of more than one part: their share of the under-segmentation error, and what is in them.
+    mixed: Vec<(f64, String)>,
     /// Instances with at least so many samples, and those that a node stands for.
     curve: Vec<[u64; 3]>,
+    /// The same with pieces of one class in one plane taken for one instance.
+    surface_curve: Vec<[u64; 3]>,
 }
 
 #[derive(Serialize)]
@@ -70,11 +80,14 @@ struct Condition {
 impl Args {
     pub(crate) fn run(self) -> Result<ExitCode> {
         let split = Split::parse(&self.split).context("--split")?;
-        let conditions = [
+        let mut conditions = vec![
             ("clean", SensorParams::clean(), Profile::Ideal, "ideal"),
             ("noisy", SensorParams::default(), Profile::TofPhone, "tof"),
         ];
-        let progress = Progress::new("rooms", 2 * self.rooms as u64);
+        if self.faults {
+            conditions.extend(faults().map(|(name, sensor)| (name, sensor, Profile::TofPhone, "tof")));
+        }
+        let progress = Progress::new("rooms", (conditions.len() * self.rooms) as u64);
         let mut all = Vec::new();
         for (name, sensor, profile, profile_name) in conditions {
             let params = WorldParams { rescans: false, sensor, ..WorldParams::default() };
@@ -101,12 +114,30 @@ impl Args {
         }
         drop(progress);
         say(format!("{} generated {} rooms, seed {}, first visits", self.rooms, split.name(), self.seed));
-        all.iter().for_each(print);
+        all.iter().for_each(|c| print(c, self.mixed));
         if let Some(file) = &self.json {
             files::write(file, &serde_json::to_vec_pretty(&all)?)?;
         }
         Ok(ExitCode::SUCCESS)
     }
+}
+
+/// The phone's faults one by one, the rest as it should be.
+fn faults() -> [(&'static str, SensorParams); 4] {
+    let (all, none) = (SensorParams::default(), SensorParams::clean());
+    let base = SensorParams { range: all.range, ..none };
+    [
+        ("range alone", base.clone()),
+        ("depth noise alone", SensorParams { sigma: all.sigma, quantise: true, ..base.clone() }),
+        (
+            "losses and flying pixels alone",
+            SensorParams { flying: all.flying, edge_loss: all.edge_loss, loss: all.loss, ..base.clone() },
+        ),
+        (
+            "pose errors alone",
+            SensorParams { jitter: all.jitter, drift: all.drift, pose_loss: all.pose_loss, ..base },
+        ),
+    ]
 }
 
 fn sum<const N: usize>(items: impl Iterator<Item = [u64; N]>) -> [u64; N] {
@@ -124,7 +155,7 @@ fn mean<'a>(scores: impl ExactSizeIterator<Item = &'a PartScores> + Clone) -> Pa
     }
 }
 
-fn print(c: &Condition) {
+fn print(c: &Condition, mixed: bool) {
     let m = &c.mean;
     say(format!(
         "{} (profile {}): covering {:.3}  ARI {:.3}  under-segmentation {:.3}  boundary recall {}  purity {:.3}  completeness {:.3}",
@@ -154,12 +185,18 @@ fn print(c: &Condition) {
             r.scores.ari,
             r.scores.under_segmentation
         ));
+        for (error, text) in r.mixed.iter().filter(|_| mixed) {
+            say(format!("    {error:.3} {text}"));
+        }
     }
     for (k, low) in SAMPLES.iter().enumerate() {
-        let [_, of, got] = sum(c.rooms.iter().map(|r| r.curve[k]));
+        let share = |[_, of, got]: [u64; 3]| {
+            format!("{got} of {of} became a node ({:.1} %)", 100.0 * got as f64 / of.max(1) as f64)
+        };
         say(format!(
-            "  instances with at least {low} depth samples: {got} of {of} became a node ({:.1} %)",
-            100.0 * got as f64 / of.max(1) as f64
+            "  instances with at least {low} depth samples: {}; pieces of one plane taken for one: {}",
+            share(sum(c.rooms.iter().map(|r| r.curve[k]))),
+            share(sum(c.rooms.iter().map(|r| r.surface_curve[k])))
         ));
     }
     let mut classes: BTreeMap<&str, [f64; 4]> = BTreeMap::new();
@@ -170,6 +207,42 @@ fn print(c: &Condition) {
     for (name, [n, weighted, of, got]) in classes {
         say(format!("  {name}: covering {:.3}, nodes {got:.0} of {of:.0}", weighted / n.max(1.0)));
     }
+}
+
+/// The segments that add most to the under-segmentation error: their share, and the label, number and part of the room
+/// of what is in them.
+fn mixed(overlaps: &Overlaps, labels: &BTreeMap<u32, String>) -> Vec<(f64, String)> {
+    let by_segment = overlaps.by_segment();
+    let all = by_segment.values().flat_map(|of| of.values()).sum::<u64>().max(1) as f64;
+    let mut list: Vec<(f64, String)> = by_segment
+        .values()
+        .map(|of| {
+            let size: u64 = of.values().sum();
+            let error: u64 = of.values().map(|&n| n.min(size - n)).sum();
+            let mut parts: Vec<_> = of.iter().filter(|(_, n)| **n * 20 > size).collect();
+            parts.sort_by_key(|(_, n)| std::cmp::Reverse(**n));
+            let name = |id: &u32| labels.get(id).map_or("unlabelled", String::as_str);
+            let text = parts.iter().map(|(id, n)| format!("{} {id}: {:.3}", name(id), **n as f64 / all));
+            (error as f64 / all, text.collect::<Vec<_>>().join(", "))
+        })
+        .collect();
+    list.sort_by(|a, b| b.0.total_cmp(&a.0));
+    list.truncate(8);
+    list
+}
+
+/// The parts that most of a node lies in.
+fn stood_for(overlaps: &Overlaps, nodes: &BTreeSet<u32>) -> BTreeSet<u32> {
+    overlaps.majority().into_iter().filter(|(s, _)| nodes.contains(s)).map(|(_, g)| g).collect()
+}
+
+/// For each of [`SAMPLES`] the parts of so many depth samples, and those among them that a node stands for.
+fn curve(samples: &BTreeMap<u32, u64>, stood_for: &BTreeSet<u32>) -> Vec<[u64; 3]> {
+    let at = |&low: &u64| {
+        let of = samples.iter().filter(|&(_, &n)| n >= low);
+        [low, of.clone().count() as u64, of.filter(|(id, _)| stood_for.contains(id)).count() as u64]
+    };
+    SAMPLES.iter().map(at).collect()
 }
 
 /// Segments one visit and compares.
@@ -219,12 +292,11 @@ fn measure(world: &World, scan: &str, segmentation: &gsm::Params) -> Result<Room
         .filter(|s| s.surfels() >= p.min_surfels && s.area() >= p.min_area)
         .map(|s| s.id().0)
         .collect();
-    let stood_for: BTreeSet<u32> =
-        overlaps.majority().into_iter().filter(|(s, _)| nodes.contains(s)).map(|(_, g)| g).collect();
-    let curve = SAMPLES.iter().map(|&low| {
-        let of = samples.iter().filter(|&(_, &n)| n >= low);
-        [low, of.clone().count() as u64, of.filter(|(id, _)| stood_for.contains(id)).count() as u64]
-    });
+    let stood_for = stood_for(&overlaps, &nodes);
+    let mut surface_samples: BTreeMap<u32, u64> = BTreeMap::new();
+    for (id, n) in &samples {
+        *surface_samples.entry(whole.get(id).copied().unwrap_or(*id)).or_default() += n;
+    }
     let mut classes: BTreeMap<&'static str, [f64; 4]> = BTreeMap::new();
     let (sizes, iou) = (overlaps.parts(), overlaps.best_iou());
     for (id, label) in &surface.annotation().labels {
@@ -248,7 +320,9 @@ fn measure(world: &World, scan: &str, segmentation: &gsm::Params) -> Result<Room
         scores: overlaps.scores().unwrap_or_default(),
         surfaces: flushed.scores().unwrap_or_default(),
         boundary,
+        mixed: mixed(&flushed, &surface.annotation().labels),
         classes,
-        curve: curve.collect(),
+        curve: curve(&samples, &stood_for),
+        surface_curve: curve(&surface_samples, &self::stood_for(&flushed, &nodes)),
     })
 }
