@@ -9,13 +9,30 @@ use crate::surfels::{BLOCK, Cold, HotBlock, Surfels};
 use nalgebra::{Isometry3, Matrix3};
 use rayon::prelude::*;
 
+/// Surfels of a block that are seen again.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Matches {
+    /// Number of the block's first surfel.
+    pub(crate) first: u32,
+    /// Those seen, a bit each; the rest is valid for these only.
+    pub(crate) seen: u32,
+    pub(crate) sample: [u32; BLOCK],
+    /// Square of the distance from the sample's point.
+    distance: [f32; BLOCK],
+}
+
 /// A surfel seen again.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Match {
     pub(crate) surfel: u32,
     pub(crate) sample: u32,
-    /// Square of its distance from the sample's point.
-    distance: f32,
+}
+
+impl Matches {
+    /// The surfels one by one, some of those seen.
+    pub(crate) fn each(&self, some: u32) -> impl Iterator<Item = Match> {
+        bits(some).map(|k| Match { surfel: self.first + k as u32, sample: self.sample[k] })
+    }
 }
 
 /// Camera pose as plain arrays.
@@ -91,11 +108,12 @@ impl Hit {
 /// Result of the association, reused from frame to frame.
 #[derive(Debug, Default)]
 pub(crate) struct Association {
-    pub(crate) matches: Vec<Match>,
+    /// In the order of the surfels.
+    pub(crate) matches: Vec<Matches>,
     /// Per sample.
     pub(crate) hits: Vec<Hit>,
-    /// Whether a surfel in a visible brick is [tagged](Cold::tag).
-    pub(crate) tagged: bool,
+    /// Those of the matches whose surfel is [tagged](Cold::tag).
+    pub(crate) tagged: Vec<Match>,
     /// Blocks of the visible bricks, a bit each, and their numbers in order.
     marked: Vec<u64>,
     blocks: Vec<u32>,
@@ -106,7 +124,8 @@ pub(crate) struct Association {
 /// What some of the visible blocks gave.
 #[derive(Debug, Default)]
 struct Share {
-    matches: Vec<Match>,
+    matches: Vec<Matches>,
+    tagged: Vec<Match>,
     /// Samples near whose point a surfel strays.
     strays: Vec<u32>,
     /// Surfels that have become stable, and stable ones that may have moved.
@@ -115,7 +134,6 @@ struct Share {
     /// Bricks that hold surfels to be removed.
     weeds: Vec<u32>,
     contradicted: u32,
-    tagged: bool,
 }
 
 /// A share's part of the storage.
@@ -143,7 +161,7 @@ impl Association {
     /// one behind is hidden.
     pub(crate) fn run(&mut self, step: Step<'_>, visible: &[u32], store: &mut Store, counts: &mut Counts) {
         self.matches.clear();
-        self.tagged = false;
+        self.tagged.clear();
         self.hits.clear();
         self.hits.resize(step.samples.list.len(), Hit::NONE);
         let Some(camera) = step.samples.camera else { return };
@@ -162,7 +180,7 @@ impl Association {
             counts.expired += store.weed(b as usize, step);
         }
         counts.expired -= counts.contradicted;
-        counts.matched = self.matches.len() as u32;
+        counts.matched = self.matches.iter().map(|m| m.seen.count_ones()).sum();
     }
 
     /// Lists the blocks of the visible bricks in the order in which they are stored; returns the number of surfels.
@@ -194,16 +212,23 @@ impl Association {
             hit.distance = hit.distance.min(f32::MAX);
         }
         for m in &share.matches {
-            let hit = &mut self.hits[m.sample as usize];
-            if m.distance < hit.distance {
-                *hit = Hit { distance: m.distance, surfel: m.surfel + 1, segment: surfels.segment(m.surfel) };
+            let segment = &surfels.hot[m.first as usize / BLOCK].segment;
+            for k in bits(m.seen) {
+                let hit = &mut self.hits[m.sample[k] as usize];
+                // Which of a sample's surfels is the nearest is chance: no branch.
+                let nearer = m.distance[k] < hit.distance;
+                let own =
+                    Hit { distance: m.distance[k], surfel: m.first + k as u32 + 1, segment: segment[k] };
+                hit.distance = if nearer { own.distance } else { hit.distance };
+                hit.surfel = if nearer { own.surfel } else { hit.surfel };
+                hit.segment = if nearer { own.segment } else { hit.segment };
             }
         }
         share.ripe.drain(..).for_each(|id| segments.ripen(surfels, id));
         share.moved.drain(..).for_each(|id| segments.follow(surfels, id));
         self.matches.append(&mut share.matches);
         self.weeds.append(&mut share.weeds);
-        self.tagged |= std::mem::take(&mut share.tagged);
+        self.tagged.append(&mut share.tagged);
         share.strays.clear();
         counts.contradicted += std::mem::take(&mut share.contradicted);
     }
@@ -244,24 +269,25 @@ impl Share {
     fn block(&mut self, gate: &Gate<'_>, first: u32, hot: &mut HotBlock, cold: &mut [Cold; BLOCK]) -> bool {
         let step = gate.step;
         let seen = gate.lens.project(hot);
-        self.tagged |= hot.tagged != 0;
         let mut weeds = seen.doomed != 0;
         let mut unseen = u32::from(hot.unstable) & !seen.doomed;
         if seen.inside != 0 {
             let marks = gate.look(hot, &seen);
-            let sample = |k: usize| seen.y[k] * step.samples.width as u32 + seen.x[k];
-            self.matches.extend(bits(marks.seen).map(|k| Match {
-                surfel: first + k as u32,
-                sample: sample(k),
-                distance: marks.distance[k],
-            }));
+            let width = step.samples.width as u32;
+            let sample: [u32; BLOCK] =
+                std::array::from_fn(|k| seen.y[k].wrapping_mul(width).wrapping_add(seen.x[k]));
+            if marks.seen != 0 {
+                let matches = Matches { first, seen: marks.seen, sample, distance: marks.distance };
+                self.tagged.extend(matches.each(marks.seen & u32::from(hot.tagged)));
+                self.matches.push(matches);
+            }
             for k in bits(marks.before) {
                 if gate.looks_through(&seen, k) {
                     weeds |= self.wear(&mut hot.confidence[k], Doubt::Through);
                 }
             }
             for k in bits(marks.stray) {
-                self.strays.push(sample(k));
+                self.strays.push(sample[k]);
                 weeds |= self.wear(&mut hot.confidence[k], Doubt::Stray);
             }
             for k in bits(marks.seen & unseen) {

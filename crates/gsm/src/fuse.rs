@@ -3,35 +3,77 @@
 use crate::associate::Association;
 use crate::event::Counts;
 use crate::frame::{dot, sub};
-use crate::samples::Samples;
+use crate::project::bits;
+use crate::samples::{Sample, Samples};
 use crate::segments::Segments;
 use crate::store::{Step, Store};
-use crate::surfels::{Hot, Surfels};
+use crate::surfels::{BLOCK, Hot, HotBlock, Surfels};
 use crate::vote::Votes;
 
 const LABEL_CONFIDENCE_MAX: i16 = 12;
 
+/// What a sample has to say of a label: slot of its region's segment plus one, 0 = nothing, and in the highest bit
+/// whether it is an edge; [`MUTE`] where it is seen too obliquely.
+#[derive(Debug, Default)]
+pub(crate) struct Verdicts(Vec<u32>);
+
+const EDGE: u32 = 1 << 31;
+const MUTE: u32 = u32::MAX;
+
 /// Gives every surfel seen its label, and takes those that another one makes redundant out.
-pub(crate) fn label(step: Step<'_>, association: &Association, votes: &Votes, store: &mut Store) {
+pub(crate) fn label(
+    step: Step<'_>,
+    association: &Association,
+    votes: &Votes,
+    store: &mut Store,
+    verdicts: &mut Verdicts,
+) {
     let Step { samples, params, .. } = step;
     let Store { surfels, segments, .. } = store;
-    for m in &association.matches {
-        let sample = &samples.list[m.sample as usize];
-        if sample.cos < params.min_incidence_cos {
-            continue;
+    let verdict = |s: &Sample| {
+        let edge = if s.is_edge() { EDGE } else { 0 };
+        if s.cos < params.min_incidence_cos { MUTE } else { votes.segment_of[s.region()] | edge }
+    };
+    verdicts.0.clear();
+    verdicts.0.extend(samples.list.iter().map(verdict));
+    for matches in &association.matches {
+        let mut verdict = [MUTE; BLOCK];
+        let mut best = [0; BLOCK];
+        for k in bits(matches.seen) {
+            let sample = matches.sample[k] as usize;
+            (verdict[k], best[k]) = (verdicts.0[sample], association.hits[sample].surfel);
         }
-        let best = association.hits[m.sample as usize].surfel;
-        if best != m.surfel + 1 && redundant(surfels, m.surfel, best - 1) {
-            // Out of its segment at once, out of the brick at its next visit.
-            segments.relabel(surfels, m.surfel, 0);
-            surfels.doom(m.surfel);
-            continue;
-        }
-        let segment = votes.segment_of[sample.region()];
-        if segment != 0 {
-            vote(surfels, segments, m.surfel, segment, sample.is_edge());
+        let block = &mut surfels.hot[matches.first as usize / BLOCK];
+        let rest = agree(block, matches.first, &verdict, &best);
+        for m in matches.each(matches.seen & rest) {
+            let k = (m.surfel - matches.first) as usize;
+            if best[k] != m.surfel + 1 && redundant(surfels, m.surfel, best[k] - 1) {
+                // Out of its segment at once, out of the brick at its next visit.
+                segments.relabel(surfels, m.surfel, 0);
+                surfels.doom(m.surfel);
+            } else if verdict[k] & !EDGE != 0 {
+                vote(surfels, segments, m.surfel, verdict[k] & !EDGE, verdict[k] & EDGE != 0);
+            }
         }
     }
+}
+
+/// Confirms the labels of a block's surfels that are nearest to their sample and agree with it, as most do; returns
+/// the others that are to be looked at, a bit each.
+#[inline]
+fn agree(block: &mut HotBlock, first: u32, verdict: &[u32; BLOCK], best: &[u32; BLOCK]) -> u32 {
+    let (segment, mut confidence) = (block.segment, block.label_confidence);
+    let mut rest = [0u32; BLOCK];
+    for k in 0..BLOCK {
+        let heard = verdict[k] != MUTE;
+        let nearest = best[k] == first + k as u32 + 1;
+        let agrees = heard & nearest & (segment[k] != 0) & (verdict[k] & !EDGE == segment[k]);
+        let more = (confidence[k] + 1).min(LABEL_CONFIDENCE_MAX);
+        confidence[k] = if agrees { more } else { confidence[k] };
+        rest[k] = u32::from(heard & !agrees) << k;
+    }
+    block.label_confidence = confidence;
+    rest.iter().fold(0, |all, r| all | r)
 }
 
 /// Whether `id` lies closer to the surfel that its pixel sees best than their radius, and is the less certain.

@@ -61,6 +61,7 @@ pub struct Map {
     prediction: Prediction,
     association: Association,
     votes: Votes,
+    verdicts: fuse::Verdicts,
     pub(crate) merges: Merges,
     splits: Splits,
     pub(crate) visible: Vec<u32>,
@@ -87,6 +88,7 @@ impl Map {
             prediction: Prediction::default(),
             association: Association::default(),
             votes: Votes::default(),
+            verdicts: fuse::Verdicts::default(),
             merges: Merges::default(),
             splits: Splits::default(),
             visible: Vec::new(),
@@ -160,7 +162,7 @@ impl Map {
         done(Stage::Vote);
 
         // The map learns the frame.
-        fuse::label(step, association, votes, store);
+        fuse::label(step, association, votes, store, &mut self.verdicts);
         fuse::create(step, association, votes, store, counts);
         done(Stage::Fuse);
         self.merges.run(step, votes, store, events);

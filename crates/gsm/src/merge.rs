@@ -63,9 +63,9 @@ impl Merges {
             let pair = run[0].pair;
             let joined = run.iter().filter(|c| c.joined).count() as f32;
             // A border that lies beside the frame's own one joins pixels, but not segments.
-            let joined = joined * votes.together(pair.0, pair.1, now);
+            let joined = joined * votes.together(pair.0, pair.1);
             let apart = run.len() as f32 - joined;
-            let smaller = votes.pixels_of(pair.0, now).min(votes.pixels_of(pair.1, now));
+            let smaller = votes.pixels_of(pair.0).min(votes.pixels_of(pair.1));
             let e = self.pairs.entry(pair).or_default();
             e.joined = e.joined * DECAY + joined;
             e.apart = e.apart * DECAY + apart;

@@ -4,7 +4,7 @@
 //! back with the same surfels gains, one whose surfels lie in one region with the rest of the segment loses; a tag
 //! with enough gain is split off.
 
-use crate::associate::Association;
+use crate::associate::{Association, Match};
 use crate::event::SegmentEvent;
 use crate::samples::Samples;
 use crate::store::{Step, Store};
@@ -59,13 +59,13 @@ impl Splits {
         if candidates.is_empty() && self.tags.is_empty() {
             return;
         }
-        self.count(samples, association, votes, &store.surfels);
+        self.count(association, votes, &store.surfels);
         let mut given = vec![0u32; votes.segment_of.len()];
         for &region in &candidates {
             given[region as usize] = self.confirm(region, now);
         }
         self.contradict(&given);
-        self.paint(samples, association, votes, &mut store.surfels, &given);
+        self.paint(association, votes, &mut store.surfels, &given);
         for &region in &candidates {
             let tag = given[region as usize];
             if self.tags.get(&tag).is_some_and(|t| t.score >= SCORE) {
@@ -78,16 +78,15 @@ impl Splits {
         }
     }
 
-    fn count(&mut self, samples: &Samples, association: &Association, votes: &Votes, surfels: &Surfels) {
+    fn count(&mut self, association: &Association, votes: &Votes, surfels: &Surfels) {
         self.cells.clear();
         self.region_pixels.clear();
-        self.region_pixels.resize(votes.segment_of.len(), 0);
-        for (hit, sample) in association.hits.iter().zip(&samples.list) {
-            let region = sample.region();
-            let own = (hit.surfel != 0) & (region != 0) & (hit.segment == votes.segment_of[region]);
-            self.region_pixels[region] += u32::from(own);
-            if association.tagged && own && surfels.is_tagged(hit.surfel - 1) {
-                self.cells.push((region as u32, surfels.cold[hit.surfel as usize - 1].tag));
+        self.region_pixels.extend((0..votes.segment_of.len()).map(|r| votes.own_pixels(r)));
+        for m in &association.tagged {
+            let (hit, region) = (&association.hits[m.sample as usize], votes.keys[m.sample as usize].region);
+            let segment = votes.segment_of[region as usize];
+            if hit.surfel == m.surfel + 1 && segment != 0 && hit.segment == segment {
+                self.cells.push((region, surfels.cold[m.surfel as usize].tag));
             }
         }
         self.cells.sort_unstable();
@@ -145,30 +144,28 @@ impl Splits {
         }
     }
 
-    fn paint(
-        &self,
-        samples: &Samples,
-        association: &Association,
-        votes: &Votes,
-        surfels: &mut Surfels,
-        given: &[u32],
-    ) {
-        if !association.tagged && given.iter().all(|&tag| tag == 0) {
+    fn paint(&self, association: &Association, votes: &Votes, surfels: &mut Surfels, given: &[u32]) {
+        if given.iter().all(|&tag| tag == 0) {
+            association.tagged.iter().for_each(|m| self.paint_one(*m, votes, surfels, given));
+        } else {
+            for matches in &association.matches {
+                matches.each(matches.seen).for_each(|m| self.paint_one(m, votes, surfels, given));
+            }
+        }
+    }
+
+    fn paint_one(&self, m: Match, votes: &Votes, surfels: &mut Surfels, given: &[u32]) {
+        let region = votes.keys[m.sample as usize].region as usize;
+        let tag = given[region];
+        if region == 0 || tag == 0 && !surfels.is_tagged(m.surfel) {
             return;
         }
-        for m in &association.matches {
-            let region = samples.list[m.sample as usize].region();
-            let tag = given[region];
-            if region == 0 || tag == 0 && !surfels.is_tagged(m.surfel) {
-                continue;
-            }
-            let own = surfels.segment(m.surfel);
-            if own == 0 || own != votes.segment_of[region] {
-                continue;
-            }
-            if tag != 0 || !self.tags.contains_key(&surfels.cold[m.surfel as usize].tag) {
-                surfels.set_tag(m.surfel, tag);
-            }
+        let own = surfels.segment(m.surfel);
+        if own == 0 || own != votes.segment_of[region] {
+            return;
+        }
+        if tag != 0 || !self.tags.contains_key(&surfels.cold[m.surfel as usize].tag) {
+            surfels.set_tag(m.surfel, tag);
         }
     }
 }

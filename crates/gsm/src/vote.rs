@@ -4,6 +4,7 @@ use crate::Params;
 use crate::associate::Association;
 use crate::event::SegmentEvent;
 use crate::frame::{DOWN, RIGHT};
+use crate::lanes::LANES;
 use crate::samples::Samples;
 use crate::segments::Segments;
 use crate::store::{Step, Store};
@@ -26,9 +27,9 @@ const OWN_SHARE: f32 = 0.4;
 
 /// What a sample says: the segment of its surfel (slot plus one) and its region, 0 = none.
 #[derive(Debug, Clone, Copy)]
-struct Key {
+pub(crate) struct Key {
     segment: u32,
-    region: u32,
+    pub(crate) region: u32,
 }
 
 impl PartialEq for Key {
@@ -43,6 +44,21 @@ impl Key {
     fn is_bare(self) -> bool {
         (self.segment == 0) | (self.region == 0)
     }
+
+    /// Whether the two differ and neither is bare.
+    #[inline(always)]
+    fn meets(self, other: Self) -> bool {
+        !((self == other) | self.is_bare() | other.is_bare())
+    }
+}
+
+/// Whether any of a few pairs meet.
+#[inline]
+fn differ(keys: &[Key], others: &[Key]) -> bool {
+    let (Some(p), Some(q)) = (keys.first_chunk::<LANES>(), others.first_chunk::<LANES>()) else {
+        return true;
+    };
+    (0..LANES).fold(false, |any, k| any | p[k].meets(q[k]))
 }
 
 /// Workspace and result.
@@ -55,21 +71,33 @@ pub(crate) struct Votes {
     /// Touching pixels of two regions that are one segment, as sorted pairs of regions.
     pub(crate) seams: Vec<(u32, u32)>,
     /// Per sample.
-    keys: Vec<Key>,
-    /// Samples per segment (slot plus one).
-    tally: Vec<u32>,
-    /// Slots seen in this frame and the pixels of each.
-    pub(crate) seen: Vec<u32>,
-    pub(crate) pixels: Vec<u32>,
-    /// Per slot its column in the table, valid where `stamp` is the current frame.
-    column: Vec<u32>,
-    stamp: Vec<u32>,
-    /// Votes of every region (rows) for every segment seen (columns).
-    table: Vec<u32>,
-    /// Pixels per region that are no edges: only they vote, as surfels near a crease stray over it.
+    pub(crate) keys: Vec<Key>,
+    /// Segments (slot plus one) seen in this frame: those of the table's rows, 0 first.
+    seen: Vec<u32>,
+    /// Row of every segment, [`UNSEEN`] for those not seen.
+    row: Vec<u32>,
+    /// Samples of the segments seen (rows) in every region.
+    table: Vec<Tally>,
+    /// Samples per region that are no edges: only they vote, as surfels near a crease stray over it.
     cores: Vec<u32>,
-    /// Per column the most votes that a region has for it, and the first such region.
+    /// Per row the most votes that a region has for it, and the first such region.
     claims: Vec<(u32, u32)>,
+}
+
+const UNSEEN: u32 = u32::MAX;
+
+/// Samples that are no edges, and those that are.
+#[derive(Debug, Clone, Copy, Default)]
+struct Tally([u32; 2]);
+
+impl Tally {
+    fn votes(self) -> u32 {
+        self.0[0]
+    }
+
+    fn all(self) -> u32 {
+        self.0[0] + self.0[1]
+    }
 }
 
 impl Votes {
@@ -83,46 +111,57 @@ impl Votes {
     ) {
         let Step { samples, params, now, .. } = step;
         let segments = &mut store.segments;
-        self.see(samples, association, segments, now);
-        let columns = self.seen.len();
-        let regions = samples.region_size.len();
-        self.table.clear();
-        self.table.resize(regions * columns, 0);
-        self.cores.clear();
-        self.cores.resize(regions, 0);
-        // Half of the samples have no surfel, as chance has it: what they add is nothing, without a branch.
-        for (sample, key) in samples.list.iter().zip(&self.keys) {
-            self.cores[key.region as usize] += u32::from(!sample.is_edge());
-        }
-        if columns != 0 {
-            for (sample, key) in samples.list.iter().zip(&self.keys) {
-                let votes = !sample.is_edge() & !key.is_bare();
-                let column = self.column[key.segment.saturating_sub(1) as usize];
-                let place = key.region as usize * columns + column as usize;
-                self.table[if votes { place } else { 0 }] += u32::from(votes);
-            }
-        }
+        self.see(samples, association, segments.slots.len());
         self.resolve(segments, params, now, events);
         self.touch(samples);
     }
 
-    fn see(&mut self, samples: &Samples, association: &Association, segments: &Segments, now: u32) {
+    /// Counts the samples by segment and region.
+    fn see(&mut self, samples: &Samples, association: &Association, slots: usize) {
+        let regions = samples.region_size.len();
+        self.row.clear();
+        self.row.resize(slots + 1, UNSEEN);
+        self.row[0] = 0;
         self.seen.clear();
-        self.pixels.clear();
-        self.column.resize(segments.slots.len(), 0);
-        self.stamp.resize(segments.slots.len(), 0);
+        self.seen.push(0);
+        self.table.clear();
+        self.table.resize(regions, Tally::default());
         self.keys.clear();
-        let keys = association.hits.iter().zip(&samples.list);
-        self.keys.extend(keys.map(|(h, s)| Key { segment: h.segment, region: s.region() as u32 }));
-        self.tally.clear();
-        self.tally.resize(segments.slots.len() + 1, 0);
-        self.keys.iter().for_each(|k| self.tally[k.segment as usize] += 1);
-        for (slot, &n) in self.tally[1..].iter().enumerate().filter(|(_, n)| **n != 0) {
-            self.stamp[slot] = now;
-            self.column[slot] = self.seen.len() as u32;
-            self.seen.push(slot as u32);
-            self.pixels.push(n);
+        self.keys.reserve(samples.list.len());
+        for (hit, sample) in association.hits.iter().zip(&samples.list) {
+            let (segment, region) = (hit.segment, sample.region());
+            let mut row = self.row[segment as usize];
+            if row == UNSEEN {
+                row = self.seen.len() as u32;
+                self.row[segment as usize] = row;
+                self.seen.push(segment);
+                self.table.resize(self.table.len() + regions, Tally::default());
+            }
+            self.table[row as usize * regions + region].0[usize::from(sample.is_edge())] += 1;
+            self.keys.push(Key { segment, region: region as u32 });
         }
+        self.cores.clear();
+        self.cores.resize(regions, 0);
+        for row in self.table.chunks_exact(regions) {
+            self.cores.iter_mut().zip(row).for_each(|(n, t)| *n += t.votes());
+        }
+    }
+
+    /// The table's row of a segment (slot plus one); that of no segment where it was not seen.
+    fn row_of(&self, segment: u32) -> &[Tally] {
+        let row = self.row.get(segment as usize).copied().filter(|r| *r != UNSEEN).unwrap_or(0) as usize;
+        &self.table[row * self.cores.len()..(row + 1) * self.cores.len()]
+    }
+
+    /// Samples of a region whose surfel has the region's segment.
+    pub(crate) fn own_pixels(&self, region: usize) -> u32 {
+        let segment = self.segment_of[region];
+        if self.sees(segment) { self.row_of(segment)[region].all() } else { 0 }
+    }
+
+    /// Whether there is such a segment (slot plus one), and it was seen in this frame.
+    fn sees(&self, segment: u32) -> bool {
+        segment != 0 && self.row.get(segment as usize).is_some_and(|r| *r != UNSEEN)
     }
 
     fn resolve(
@@ -132,26 +171,27 @@ impl Votes {
         now: u32,
         events: &mut Vec<SegmentEvent>,
     ) {
-        let columns = self.seen.len();
-        self.claim(columns);
+        self.claim();
         self.segment_of.clear();
         self.segment_of.push(0);
-        for region in 1..self.cores.len() {
-            let row = &self.table[region * columns..(region + 1) * columns];
-            let voters: u32 = row.iter().sum();
-            let best = row
-                .iter()
-                .zip(&self.seen)
-                .map(|(&n, &slot)| (n, std::cmp::Reverse(segments.slots[slot as usize].id), slot))
+        let regions = self.cores.len();
+        for region in 1..regions {
+            let votes = |row: usize| self.table[row * regions + region].votes();
+            let voters: u32 = (1..self.seen.len()).map(votes).sum();
+            let best = (1..self.seen.len())
+                .map(|row| {
+                    let slot = self.seen[row] - 1;
+                    (votes(row), std::cmp::Reverse(segments.slots[slot as usize].id), slot, row)
+                })
                 .max();
             let size = self.cores[region];
-            let taken = best.filter(|&(n, _, slot)| {
-                let main = self.claims[self.column[slot as usize] as usize].1 == region as u32;
+            let taken = best.filter(|&(n, _, _, row)| {
+                let main = self.claims[row].1 == region as u32;
                 let share = if main { MAIN_SHARE } else { OWN_SHARE };
                 n as f32 >= params.take_share * voters as f32 && n >= VOTES && n as f32 >= share * size as f32
             });
             let segment = match taken {
-                Some((_, _, slot)) => slot + 1,
+                Some((_, _, slot, _)) => slot + 1,
                 None if size >= params.min_region_pixels => {
                     segments.open(now, events).map_or(0, |slot| slot + 1)
                 }
@@ -162,16 +202,16 @@ impl Votes {
     }
 
     /// Finds the region that holds most of each segment seen.
-    fn claim(&mut self, columns: usize) {
+    fn claim(&mut self) {
         self.claims.clear();
-        self.claims.resize(columns, (0, 0));
-        for region in 1..self.cores.len() {
-            let row = &self.table[region * columns..(region + 1) * columns];
-            for (claim, &n) in self.claims.iter_mut().zip(row) {
+        for row in self.table.chunks_exact(self.cores.len()) {
+            let mut claim = (0, 0);
+            for (region, n) in row.iter().map(|t| t.votes()).enumerate().skip(1) {
                 if n > claim.0 {
-                    *claim = (n, region as u32);
+                    claim = (n, region as u32);
                 }
             }
+            self.claims.push(claim);
         }
     }
 
@@ -192,8 +232,19 @@ impl Votes {
 
     /// Notes what the samples from `first` on and their neighbours in direction `bit` say of their segments.
     fn meet(&mut self, samples: &Samples, bit: u8, first: usize, keys: &[Key], others: &[Key]) {
+        let n = keys.len().min(others.len());
+        for at in (0..n).step_by(LANES) {
+            let part = at..(at + LANES).min(n);
+            let (keys, others) = (&keys[part.clone()], &others[part]);
+            if differ(keys, others) {
+                self.meet_some(samples, bit, first + at, keys, others);
+            }
+        }
+    }
+
+    fn meet_some(&mut self, samples: &Samples, bit: u8, first: usize, keys: &[Key], others: &[Key]) {
         for (i, (p, q)) in keys.iter().zip(others).enumerate() {
-            if (p == q) | p.is_bare() | q.is_bare() {
+            if !p.meets(*q) {
                 continue;
             }
             let ((a, la), (b, lb)) = ((p.segment, p.region), (q.segment, q.region));
@@ -206,21 +257,20 @@ impl Votes {
         }
     }
 
-    /// How far two slots seen in frame `now` are in one region: the sum over regions of the smaller of the shares of
-    /// the two that lie in it, 0 to 1.
-    pub(crate) fn together(&self, a: u32, b: u32, now: u32) -> f32 {
-        let (na, nb) = (self.pixels_of(a, now), self.pixels_of(b, now));
+    /// How far two slots seen in this frame are in one region: the sum over regions of the smaller of the shares of the
+    /// two that lie in it, 0 to 1.
+    pub(crate) fn together(&self, a: u32, b: u32) -> f32 {
+        let (na, nb) = (self.pixels_of(a), self.pixels_of(b));
         if na == 0 || nb == 0 {
             return 0.0;
         }
-        let (a, b) = (self.column[a as usize] as usize, self.column[b as usize] as usize);
-        let share = |row: &[u32]| (row[a] as f32 / na as f32).min(row[b] as f32 / nb as f32);
-        self.table.chunks_exact(self.seen.len()).skip(1).map(share).sum()
+        let share = |t: &Tally, n: u32| t.votes() as f32 / n as f32;
+        let rows = self.row_of(a + 1).iter().zip(self.row_of(b + 1)).skip(1);
+        rows.map(|(a, b)| share(a, na).min(share(b, nb))).sum()
     }
 
-    /// Pixels of a slot seen in frame `now`.
-    pub(crate) fn pixels_of(&self, slot: u32, now: u32) -> u32 {
-        let slot = slot as usize;
-        if self.stamp.get(slot) == Some(&now) { self.pixels[self.column[slot] as usize] } else { 0 }
+    /// Samples of a slot in this frame.
+    pub(crate) fn pixels_of(&self, slot: u32) -> u32 {
+        if self.sees(slot + 1) { self.row_of(slot + 1).iter().map(|t| t.all()).sum() } else { 0 }
     }
 }
