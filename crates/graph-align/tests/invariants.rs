@@ -43,7 +43,7 @@ fn renamed_outcome(o: &Outcome) -> Outcome {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(200))]
+    #![proptest_config(common::cases(200))]
 
     #[test]
     fn a_graph_merged_with_itself_is_itself(g in graph(25), seed in any::<u64>()) {

@@ -186,7 +186,7 @@ fn folds_join_pieces_of_one_object() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(24))]
+    #![proptest_config(common::cases(24))]
 
     /// A turned rectangle's box is that of its turned corners.
     #[test]

@@ -1,7 +1,7 @@
 //! Invariants of the robust algorithm: motions, names, swaps, symmetry, far objects, mirrors, updates,
 //! thresholds, budgets.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, reason = "a test")]
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::print_stderr, reason = "a test")]
 
 mod common;
 #[path = "common/rooms.rs"]
@@ -28,6 +28,14 @@ fn close(a: &Isometry3<f32>, b: &Isometry3<f32>, at: Point3<f32>, by: f32) -> bo
     (a * at - b * at).norm() < by && a.rotation.angle_to(&b.rotation) < by
 }
 
+/// The image in a mirror across the x axis.
+fn mirrored(g: &SceneGraph) -> SceneGraph {
+    changed(g, |n| {
+        let c = n.bounds.centroid();
+        n.bounds = Box3::new([-c.x, c.y, c.z], n.bounds.extent().into()).unwrap();
+    })
+}
+
 /// A building of three rooms, and another view of its middle room in a frame of its own.
 fn scene(seed: u64, noise: f32) -> (SceneGraph, SceneGraph, Isometry3<f32>) {
     let mut dice = Dice(seed);
@@ -38,7 +46,7 @@ fn scene(seed: u64, noise: f32) -> (SceneGraph, SceneGraph, Isometry3<f32>) {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(48))]
+    #![proptest_config(common::cases(48))]
 
     /// (i) A motion of query or reference moves the transform and nothing else.
     #[test]
@@ -196,12 +204,7 @@ proptest! {
     /// (vii) The mirror image of a room is never found.
     #[test]
     fn a_mirrored_room_is_not_found(seed in any::<u64>(), n in 10_usize..24) {
-        let g = room(&mut Dice(seed), n, 5);
-        let image = changed(&g, |n| {
-            let c = n.bounds.centroid();
-            n.bounds = Box3::new([-c.x, c.y, c.z], n.bounds.extent().into()).unwrap();
-        });
-        prop_assert!(matched(&align(&g, &Query::new(&image), &Params::default())).is_none());
+        prop_assert_eq!(explained_of_a_mirror(seed, n, Shown::Alone), None);
     }
 
     /// (viii) An update loses and invents nothing, and the same view again adds nothing.
@@ -326,6 +329,84 @@ fn a_kept_index_equals_a_fresh_one() {
             assert_eq!(kept, align(&graph, &Query::new(&query), &params));
         }
     }
+}
+
+/// How a mirrored room is shown.
+#[derive(Clone, Copy, Debug)]
+enum Shown {
+    /// To the room alone.
+    Alone,
+    /// To the room alone, with noise of 5 cm.
+    Noisy,
+    /// To a building of three rooms, of which it is the middle one.
+    Building,
+    /// To the room alone, gravity unknown.
+    Tilted,
+    /// To the room alone, with a prior half a metre off.
+    Prior,
+}
+
+/// How many objects of a mirrored room a match explains; none if the room is refused.
+fn explained_of_a_mirror(seed: u64, n: usize, shown: Shown) -> Option<usize> {
+    let mut dice = Dice(seed);
+    let g = room(&mut dice, n, 2000);
+    let mut image = mirrored(&g);
+    let mut reference = g;
+    let mut prior = None;
+    match shown {
+        Shown::Alone | Shown::Tilted => {}
+        Shown::Noisy => image = noisy(&image, &mut dice, 0.05),
+        Shown::Prior => prior = Some(yaw_shift(0.1, [0.3, 0.3, 0.0])),
+        Shown::Building => {
+            for (k, x) in [(1, -10.0), (3, 10.0)] {
+                join(&mut reference, &moved(&room(&mut dice, n, 1000 * k), &yaw_shift(0.0, [x, 0.0, 0.0])));
+            }
+        }
+    }
+    let gravity_aligned = !matches!(shown, Shown::Tilted);
+    let out = align(&reference, &Query { prior, gravity_aligned, ..Query::new(&image) }, &Params::default());
+    matched(&out).map(|m| m.pairs.len())
+}
+
+/// Rooms whose mirror images were once found (seed, objects): half of such a room or more is its own
+/// mirror image.
+const HALF_SYMMETRIC: [(u64, usize); 8] = [
+    (5_326_388_345_622_664_223, 10),
+    (604, 10),
+    (28, 10),
+    (5_091, 9),
+    (5_330, 8),
+    (6_145, 7),
+    (5_736, 6),
+    (3_000, 6),
+];
+
+#[test]
+fn half_symmetric_mirrored_rooms_are_not_found() {
+    for (seed, n) in HALF_SYMMETRIC {
+        assert_eq!(explained_of_a_mirror(seed, n, Shown::Alone), None, "seed {seed}, {n} objects");
+    }
+}
+
+/// As many mirrored rooms as it takes to see one in ten thousand go wrong: `ROOMS=60000 cargo test -r
+/// -p graph-align --test robust thousand -- --ignored --nocapture`.
+#[test]
+#[ignore = "minutes"]
+fn mirrored_rooms_by_the_thousand() {
+    let rooms: u64 = std::env::var("ROOMS").ok().and_then(|v| v.parse().ok()).unwrap_or(10_000);
+    let mut all = 0;
+    for shown in [Shown::Alone, Shown::Noisy, Shown::Building, Shown::Prior, Shown::Tilted] {
+        let mut wrong = Vec::new();
+        for seed in 0..rooms {
+            let n = 6 + (seed % 24) as usize;
+            wrong.extend(explained_of_a_mirror(seed, n, shown).map(|of| (seed, n, of)));
+        }
+        let first = &wrong[..wrong.len().min(12)];
+        eprintln!("{shown:?}: {} of {rooms} mirrored rooms matched, such as {first:?}", wrong.len());
+        // Where gravity is unknown, a small mirrored room may as well stand upside down.
+        all += if matches!(shown, Shown::Tilted) { 0 } else { wrong.len() };
+    }
+    assert_eq!(all, 0);
 }
 
 /// Twins are named, and one object in one of them decides nothing.

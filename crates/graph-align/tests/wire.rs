@@ -15,6 +15,8 @@ use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 
 proptest! {
+    #![proptest_config(common::cases(256))]
+
     #[test]
     fn frames_carry_the_quantised_graph(g in graph(30), looked in looked(), seq in any::<u32>()) {
         let v = vocabulary();

@@ -272,17 +272,23 @@ fn search(scene: &Scene<'_>, prior: Option<&Isometry3<f32>>, work: &mut Work) ->
 }
 
 /// Whether the query's mirror image is explained better than the query itself. Distances and labels
-/// of a mirrored room agree, and parts of it that are symmetric fit; asked only where much of the
-/// query is left unexplained.
+/// of a mirrored room agree, and parts of it that are symmetric fit. Where little of the query is
+/// explained, or gravity is unknown, the image is searched for everywhere, else at the place that was found
+/// alone: a room in which most of a mirrored one fits by chance is that room itself.
 fn mirror_fits_better(scene: &Scene<'_>, best: &Hypothesis, work: &mut Work) -> bool {
-    if best.pairs.len() as f32 >= EXPLAINED * scene.query.len() as f32 {
-        return false;
-    }
     let mut items: Vec<Item> = scene.query.to_vec();
     items.iter_mut().for_each(|i| i.p.x = -i.p.x);
     items.sort_by(Item::order);
     let image = Scene { query: &items, mirrored: !scene.mirrored, ..*scene };
-    search(&image, None, work).first().is_some_and(|m| m.evidence > best.evidence + scene.params.margin)
+    let bar = best.evidence + scene.params.margin;
+    let explained = best.pairs.len() as f32 >= EXPLAINED * scene.query.len() as f32;
+    if !explained || !scene.upright {
+        return search(&image, None, work).first().is_some_and(|m| m.evidence > bar);
+    }
+    let mut place = scene.around(&best.pose);
+    place.sort_by(|a, b| a.1.order(&b.1));
+    let poses = vote::poses_among(scene.index, &items, &place, work);
+    poses.iter().filter_map(|p| image.refine(p, work)).any(|m| m.evidence > bar)
 }
 
 fn same_pose(a: &Isometry3<f32>, b: &Isometry3<f32>, at: &Point3<f32>) -> bool {

@@ -317,6 +317,35 @@ fn near_hits(
         list.sort_by(|a, b| a.1.order(&b.1));
         candidates.push(list);
     }
+    hits_among(&candidates, query, centre, work)
+}
+
+/// Poses under which much of the query lies among a few objects that are known by then, best first.
+pub(super) fn poses_among(
+    index: &Index,
+    query: &[Item],
+    place: &[(u32, Item)],
+    work: &mut Work,
+) -> Vec<Isometry3<f32>> {
+    if !work.spend((query.len() * place.len()) as u64) {
+        return Vec::new();
+    }
+    let alike_in_place = |q: &Item| {
+        place.iter().filter(|(_, r)| r.label == q.label && alike(q, r)).copied().collect::<Vec<_>>()
+    };
+    let candidates: Vec<_> = query.iter().map(alike_in_place).collect();
+    let hits = hits_among(&candidates, query, &centre(query), work);
+    let sorted = Sorted::of(&hits);
+    peaks(&hits, &sorted, PRIOR_PEAKS).iter().filter_map(|p| solve(index, query, &hits, &sorted, p)).collect()
+}
+
+/// Hits among the objects that each of the query's may be.
+fn hits_among(
+    candidates: &[Vec<(u32, Item)>],
+    query: &[Item],
+    centre: &Point3<f32>,
+    work: &mut Work,
+) -> Vec<Hit> {
     let mut hits = Vec::new();
     for i in 0..query.len() {
         for j in i + 1..query.len() {
