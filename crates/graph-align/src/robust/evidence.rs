@@ -26,6 +26,8 @@ const SIZE_NOISE: [f32; 3] = [0.2, 0.25, 0.4];
 /// Spread of log sizes and heights over objects of one kind.
 const SIZE_SPREAD: f32 = 0.5;
 const HEIGHT_SPREAD: f32 = 0.25;
+/// Most fits until a pose rests.
+const SETTLE: usize = 20;
 /// Distances within which an object's surroundings are known where nothing says what was seen.
 const KNOWN: f32 = 1.0;
 
@@ -95,20 +97,45 @@ impl<'a> Scene<'a> {
 
     /// Matches, fits, and matches again with narrower gates.
     pub(super) fn refine(&self, pose: &Isometry3<f32>, work: &mut Work) -> Option<Hypothesis> {
-        let mut pose = *pose;
-        let mut sigma = 0.35;
+        let (mut pose, mut sigma) = (*pose, 0.35);
         for gate in [1.0, 0.8, 0.6, 0.6, 0.6, 0.6] {
-            let pairs = self.pairs(&pose, gate, sigma, work)?;
-            if pairs.len() < 3 {
-                return None;
+            (pose, sigma) = self.fitted(&pose, gate, sigma, work)?;
+        }
+        self.judge(pose, sigma, work)
+    }
+
+    /// One matching and the pose and noise that it implies; none with fewer than three pairs.
+    fn fitted(
+        &self,
+        pose: &Isometry3<f32>,
+        gate: f32,
+        sigma: f32,
+        work: &mut Work,
+    ) -> Option<(Isometry3<f32>, f32)> {
+        let pairs = self.pairs(pose, gate, sigma, work)?;
+        if pairs.len() < 3 {
+            return None;
+        }
+        let scale = sigma * 1.5;
+        let points: Vec<_> = pairs
+            .iter()
+            .map(|p| (self.query[p.query].p, p.item.p, 1.0 / (1.0 + (p.distance / scale).powi(2))))
+            .collect();
+        let pose = fit::rigid(&points, self.upright);
+        Some((pose, self.noise(&pose, &pairs).max(sigma * 0.5)))
+    }
+
+    /// A refined pose, refined until it rests: candidates come near it from different sides.
+    pub(super) fn settled(&self, h: &Hypothesis, work: &mut Work) -> Option<Hypothesis> {
+        let (mut pose, mut sigma) = (h.pose, h.sigma);
+        let at = super::vote::centre(self.query);
+        for _ in 0..SETTLE {
+            let (next, noise) = self.fitted(&pose, 0.6, sigma, work)?;
+            let moved = (next * at - pose * at).norm() + 3.0 * next.rotation.angle_to(&pose.rotation);
+            (pose, sigma) = (next, noise);
+            if moved < 2e-4 {
+                break;
             }
-            let scale = sigma * 1.5;
-            let points: Vec<_> = pairs
-                .iter()
-                .map(|p| (self.query[p.query].p, p.item.p, 1.0 / (1.0 + (p.distance / scale).powi(2))))
-                .collect();
-            pose = fit::rigid(&points, self.upright);
-            sigma = self.noise(&pose, &pairs).max(sigma * 0.5);
         }
         self.judge(pose, sigma, work)
     }

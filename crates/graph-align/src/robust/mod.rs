@@ -213,12 +213,12 @@ pub fn align_counted(index: &Index, query: &Query<'_>, params: &RobustParams) ->
         return (Outcome::NoMatch { why: Why::SmallQuery }, 0);
     }
     let scene = Scene::new(index, &items, query, params);
-    // A quarter stays for the mirror image.
+    // A quarter stays for the mirror image and the last fits.
     let mut work = Work::new(params.budget - params.budget / 4);
     let found = search(&scene, query.prior.as_ref(), &mut work);
-    let mut mirror = Work::new(params.budget / 4);
-    let outcome = decide(query, &scene, found, work.exhausted, &mut mirror);
-    (outcome, work.spent() + mirror.spent())
+    let mut spare = Work::new(params.budget / 4);
+    let outcome = decide(query, &scene, found, work.exhausted, &mut spare);
+    (outcome, work.spent() + spare.spent())
 }
 
 /// What became of every node if the query lies at `pose` as a matter of fact; nothing is searched or
@@ -300,24 +300,30 @@ fn decide(
     scene: &Scene<'_>,
     distinct: Vec<Hypothesis>,
     exhausted: bool,
-    mirror: &mut Work,
+    spare: &mut Work,
 ) -> Outcome {
     let params = scene.params;
     let bar = ln_poses(scene, query) + params.accept;
-    let good: Vec<Hypothesis> = distinct.into_iter().filter(|h| acceptable(h, bar, params)).collect();
+    let mut good: Vec<Hypothesis> = distinct.into_iter().filter(|h| acceptable(h, bar, params)).collect();
     let Some(best) = good.first() else {
         return Outcome::NoMatch { why: if exhausted { Why::Budget } else { Why::NoSupport } };
     };
-    if mirror_fits_better(scene, best, mirror) {
+    if mirror_fits_better(scene, best, spare) {
         return Outcome::NoMatch { why: Why::Mirrored };
     }
     let rivals = good.iter().filter(|h| best.rank() - h.rank() < params.margin).count();
+    let margin = good.get(1).map(|h| best.rank() - h.rank());
+    // A pose that was known before stays as it is.
+    for h in good[..rivals].iter_mut().filter(|h| h.preference == 0.0) {
+        if let Some(settled) = scene.settled(h, spare) {
+            *h = settled;
+        }
+    }
     let answer = |h: &Hypothesis, margin: Option<f32>| change::describe(query, scene, h, margin);
     if rivals > 1 {
         return Outcome::Ambiguous { candidates: good[..rivals].iter().map(|h| answer(h, None)).collect() };
     }
-    let margin = good.get(1).map(|h| best.rank() - h.rank());
-    Outcome::Match(answer(best, margin))
+    Outcome::Match(answer(&good[0], margin))
 }
 
 fn acceptable(h: &Hypothesis, bar: f32, params: &RobustParams) -> bool {
