@@ -104,6 +104,34 @@ impl<'a> Scene<'a> {
         self.judge(pose, sigma, work)
     }
 
+    /// As [`Self::refine`], given up where the objects that find a counterpart at first could not exceed a bar.
+    pub(super) fn refine_beyond(
+        &self,
+        pose: &Isometry3<f32>,
+        most: &[f32],
+        bar: f32,
+        work: &mut Work,
+    ) -> Option<Hypothesis> {
+        let pairs = self.pairs(pose, 1.0, 0.35, work)?;
+        let hope: f32 = pairs.iter().map(|p| most[p.query]).sum();
+        if hope > bar { self.refine(pose, work) } else { None }
+    }
+
+    /// The largest evidence that each object of the query can have among some of the reference, wherever it
+    /// lies: classes as they are, place and size without error, the least noise that pairs can show.
+    pub(super) fn most(&self, place: &[(u32, Item)]) -> Vec<f32> {
+        let (prior, weight) = SIGMA;
+        let freedom = (self.query.len() as f32 - 2.0).max(0.0) + weight;
+        let sigma = (weight * prior * prior / freedom).sqrt().max(0.05);
+        let most = |q: &Item| {
+            let label = place.iter().map(|(_, r)| self.label_ratio(q, r)).fold(1e-3, f32::max);
+            // Against itself all but the class is as good as it can be.
+            let rest = self.evidence(q, q, &q.p, sigma) - self.label_ratio(q, q).ln();
+            (label.ln() + rest).max(0.0)
+        };
+        self.query.iter().map(most).collect()
+    }
+
     /// One matching and the pose and noise that it implies; none with fewer than three pairs.
     fn fitted(
         &self,

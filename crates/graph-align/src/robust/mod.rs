@@ -287,8 +287,13 @@ fn mirror_fits_better(scene: &Scene<'_>, best: &Hypothesis, work: &mut Work) -> 
     }
     let mut place = scene.around(&best.pose);
     place.sort_by(|a, b| a.1.order(&b.1));
+    // What each object of the image could be worth there at most; a sum below the bar ends the question.
+    let most = image.most(&place);
+    if !work.spend((items.len() * place.len()) as u64) || most.iter().sum::<f32>() <= bar {
+        return false;
+    }
     let poses = vote::poses_among(scene.index, &items, &place, work);
-    poses.iter().filter_map(|p| image.refine(p, work)).any(|m| m.evidence > bar)
+    poses.iter().filter_map(|p| image.refine_beyond(p, &most, bar, work)).any(|m| m.evidence > bar)
 }
 
 fn same_pose(a: &Isometry3<f32>, b: &Isometry3<f32>, at: &Point3<f32>) -> bool {

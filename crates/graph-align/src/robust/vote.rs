@@ -16,6 +16,8 @@ const HEIGHT: f32 = 1.0;
 const PRIOR_PEAKS: usize = 4;
 /// Bins whose surroundings are summed up.
 const BEST_BINS: usize = 160;
+/// The same among the few objects of one place.
+const PLACE_BINS: usize = 40;
 /// Pairs nearer than this tell too little about yaw, metres.
 const SHORTEST: f32 = 0.4;
 /// Largest difference of a pair's distances, horizontal and vertical, metres.
@@ -138,7 +140,10 @@ pub(super) fn poses(
     let sorted = Sorted::of(&hits);
     // Around a prior there is room for few distinct poses.
     let count = if near.is_some() { params.peaks.min(PRIOR_PEAKS) } else { params.peaks };
-    peaks(&hits, &sorted, count).iter().filter_map(|p| solve(index, query, &hits, &sorted, p)).collect()
+    peaks(&hits, &sorted, count, BEST_BINS)
+        .iter()
+        .filter_map(|p| solve(index, query, &hits, &sorted, p))
+        .collect()
 }
 
 /// Mean of the centroids.
@@ -148,14 +153,14 @@ pub(super) fn centre(query: &[Item]) -> Point3<f32> {
     Point3::from((sum / n).cast::<f32>())
 }
 
-/// The bins with the largest sums over themselves and their neighbours; no two of them touch.
-fn peaks(hits: &[Hit], sorted: &Sorted, count: usize) -> Vec<Bin> {
+/// Of the fullest `bins` those with the largest sums over themselves and their neighbours; no two of them touch.
+fn peaks(hits: &[Hit], sorted: &Sorted, count: usize, bins: usize) -> Vec<Bin> {
     let bin = |b: &(u64, u64, u32)| hits[sorted.order[b.2 as usize].1 as usize].bin;
     let mut best: Vec<(u64, Bin)> = sorted.bins.iter().map(|b| (b.1, bin(b))).collect();
     let order = |a: &(u64, Bin), b: &(u64, Bin)| b.0.cmp(&a.0).then(a.1.cmp(&b.1));
-    if best.len() > BEST_BINS {
-        best.select_nth_unstable_by(BEST_BINS, order);
-        best.truncate(BEST_BINS);
+    if best.len() > bins {
+        best.select_nth_unstable_by(bins, order);
+        best.truncate(bins);
     }
     for (sum, b) in &mut best {
         *sum = sorted.around(b).map(|(_, b)| b.1).sum();
@@ -336,7 +341,10 @@ pub(super) fn poses_among(
     let candidates: Vec<_> = query.iter().map(alike_in_place).collect();
     let hits = hits_among(&candidates, query, &centre(query), work);
     let sorted = Sorted::of(&hits);
-    peaks(&hits, &sorted, PRIOR_PEAKS).iter().filter_map(|p| solve(index, query, &hits, &sorted, p)).collect()
+    peaks(&hits, &sorted, PRIOR_PEAKS, PLACE_BINS)
+        .iter()
+        .filter_map(|p| solve(index, query, &hits, &sorted, p))
+        .collect()
 }
 
 /// Hits among the objects that each of the query's may be.
