@@ -7,12 +7,13 @@ use std::path::Path;
 use std::process::ExitCode;
 
 const HELP: &str =
-    "cargo xtask train [--rooms N] [--validation N] [--epochs N] [--seed S] [--dir DIR] [--install]
+    "cargo xtask train [--rooms N] [--validation N] [--epochs N] [--seed S] [--dir DIR] [--from FILE] [--install]
 
   --rooms N        training rooms (300)
   --validation N   validation rooms (60)
   --epochs N       epochs (30)
   --seed S         seed of rooms and training (1)
+  --from FILE      weights to start from, at a third of the learning rate; fresh ones without
   --dir DIR        samples, checkpoint and weights (runs/train)
   --install        put the weights in fixtures/weights
 ";
@@ -24,6 +25,7 @@ pub(crate) fn run(args: &[String]) -> Result<ExitCode> {
         ("--epochs", "30"),
         ("--seed", "1"),
         ("--dir", "runs/train"),
+        ("--from", ""),
     ]
     .map(|(k, v)| (k, v.to_owned()));
     let mut install = false;
@@ -41,7 +43,7 @@ pub(crate) fn run(args: &[String]) -> Result<ExitCode> {
             },
         }
     }
-    let [rooms, validation, epochs, seed, dir] = opt.map(|o| o.1);
+    let [rooms, validation, epochs, seed, dir, from] = opt.map(|o| o.1);
     let samples = format!("{dir}/samples");
     for (split, n) in [("train", &rooms), ("validation", &validation)] {
         must(
@@ -66,6 +68,7 @@ pub(crate) fn run(args: &[String]) -> Result<ExitCode> {
         )?;
     }
     let what = format!("generated rooms, split train, seed {seed}, {rooms} rooms, {epochs} epochs");
+    let start = if from.is_empty() { vec![] } else { vec!["--from", from.as_str(), "--lr", "3e-4"] };
     must(
         "training",
         &mut cargo(&[
@@ -85,7 +88,8 @@ pub(crate) fn run(args: &[String]) -> Result<ExitCode> {
             &seed,
             "--trained-on",
             &what,
-        ]),
+        ])
+        .args(start),
     )?;
     if install {
         let to = Path::new("fixtures/weights");

@@ -316,7 +316,7 @@ impl Share {
     /// Lowers a confidence; true when it is worn out.
     fn wear(&mut self, confidence: &mut f32, doubt: Doubt) -> bool {
         *confidence = match doubt {
-            Doubt::Through => *confidence * 0.7 - 0.5,
+            Doubt::Through => *confidence * 0.3 - 0.5,
             Doubt::Stray => *confidence * 0.9 - 0.3,
         };
         self.contradicted += u32::from(*confidence < 0.0);

@@ -93,7 +93,7 @@ impl<'a> Gate<'a> {
             let n = [n[0][k], n[1][k], n[2][k]];
             let (x, y, tolerance, cos) = (ray[0][k], ray[1][k], tolerance[k], cos[k]);
             let live = z[k] != 0.0;
-            let nearer = p[2] < z[k] - 2.0 * tolerance;
+            let nearer = p[2] < z[k] - 1.1 * tolerance;
             let far = z[k] + 3.0 * tolerance + 0.1 * z[k];
             let open = live & !nearer & (smooth[k] != 0.0) & (p[2] <= far);
             let off = [p[0] - smooth[k] * x, p[1] - smooth[k] * y, p[2] - smooth[k]];
@@ -101,7 +101,8 @@ impl<'a> Gate<'a> {
             let parallel = own[0][k] * n[0] + own[1][k] * n[1] + own[2][k] * n[2] >= parallel_cos;
             let hit = open & parallel & (ahead.abs() <= tolerance);
             // A sheet a little behind, or a wrongly turned disc within: not what the camera would see there.
-            let about = ahead.abs() <= if parallel { 3.0 * tolerance } else { 0.5 * tolerance };
+            let (behind, before) = if parallel { (-1.0, 2.0) } else { (-0.5, 0.5) };
+            let about = (ahead >= behind * tolerance) & (ahead <= before * tolerance);
             distance[k] = off[0] * off[0] + off[1] * off[1] + off[2] * off[2];
 
             // Along the pixel's ray, what is z deeper lies z times their product behind.
@@ -138,11 +139,11 @@ impl<'a> Gate<'a> {
         Marks { seen, before, stray, fused, distance }
     }
 
-    /// Whether all valid depths of the 3×3 samples around a surfel, at least six, lie beyond it.
+    /// Whether all valid depths of the 3×3 samples around a surfel, at least five, lie beyond it.
     pub(crate) fn looks_through(&self, seen: &Seen, k: usize) -> bool {
         let samples: &Samples = self.step.samples;
         let (x, y) = (seen.x[k] as usize, seen.y[k] as usize);
-        let z = seen.point[2][k] + 2.0 * samples.list[y * samples.width + x].tolerance;
+        let z = seen.point[2][k] + 1.1 * samples.list[y * samples.width + x].tolerance;
         let mut beyond = 0;
         for row in y.saturating_sub(1)..(y + 2).min(samples.height) {
             for column in x.saturating_sub(1)..(x + 2).min(samples.width) {
@@ -153,6 +154,6 @@ impl<'a> Gate<'a> {
                 beyond += u32::from(d > z);
             }
         }
-        beyond >= 6
+        beyond >= 5
     }
 }

@@ -6,7 +6,7 @@ mod network;
 mod optim;
 mod score;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use batch::{Augment, Batch};
 use candle_core::{Device, Tensor, Var};
 use clap::Parser;
@@ -29,6 +29,9 @@ struct Args {
     /// Folder for checkpoint, weights and card.
     #[arg(long)]
     out: PathBuf,
+    /// Weights to start from, as a weights file holds them; fresh ones without.
+    #[arg(long)]
+    from: Option<PathBuf>,
     #[arg(long, default_value_t = 30)]
     epochs: u32,
     /// Width of node, edge and attention features.
@@ -63,6 +66,11 @@ fn main() -> Result<()> {
     let mut wp = class_weights(train.graphs.iter().flat_map(|g| &g.predicates), p, a.balance);
     wp[p - 1] /= batch::KEEP_NONE;
     let net = Network::new(a.dim, k, p, a.seed)?;
+    let mut trained_on = a.trained_on.clone();
+    if let Some(file) = &a.from {
+        trained_on = format!("{}; then {trained_on}", start_from(file, &net, &train)?);
+        eprintln!("before: {}", evaluate(&net, &validation)?.0);
+    }
     let mut adam = AdamW::new(&net.vars)?;
     let checkpoint = a.out.join("checkpoint.safetensors");
     let first = resume(&checkpoint, &net, &mut adam)?;
@@ -95,7 +103,7 @@ fn main() -> Result<()> {
     }
     let (text, tables) = evaluate(&net, &validation)?;
     let weights = a.out.join("sgfn-l20.safetensors");
-    save_weights(&weights, &net, &train, &a.trained_on)?;
+    save_weights(&weights, &net, &train, &trained_on)?;
     std::fs::write(a.out.join("validation.md"), format!("{text}\n\n{tables}"))?;
     println!("{} written; {text}", weights.display());
     Ok(())
@@ -164,6 +172,28 @@ fn save_checkpoint(path: &Path, net: &Network, adam: &AdamW, epoch: u32) -> Resu
         put(format!("adam.v.{name}"), v)?;
     }
     write(path, &all, &[("epoch", epoch.to_string()), ("step", adam.step.to_string())])
+}
+
+/// Takes the weights of a file, which must be of the same outputs in the same order; returns what they were trained on.
+fn start_from(path: &Path, net: &Network, s: &Samples) -> Result<String> {
+    let bytes = std::fs::read(path).with_context(|| format!("--from {}", path.display()))?;
+    let (_, meta) = safetensors::SafeTensors::read_metadata(&bytes)?;
+    let meta = meta.metadata().clone().unwrap_or_default();
+    for (field, names) in [("class_names", &s.class_names), ("predicate_names", &s.predicate_names)] {
+        let found = meta.get(field).with_context(|| format!("{}: no {field} in the metadata", path.display()))?;
+        if *found != names.join("\n") {
+            bail!("{}: {field} are not those of the samples", path.display());
+        }
+    }
+    let tensors = candle_core::safetensors::load_buffer(&bytes, &Device::Cpu)?;
+    for (name, var) in &net.vars {
+        let t = tensors.get(name).with_context(|| format!("{}: no {name}", path.display()))?;
+        if t.dims() != var.dims() {
+            bail!("{}: {name} is {:?}, want {:?}", path.display(), t.dims(), var.dims());
+        }
+        var.set(&t.to_dtype(candle_core::DType::F32)?)?;
+    }
+    Ok(meta.get("trained_on").cloned().unwrap_or_else(|| "unknown data".to_owned()))
 }
 
 /// Continues from a checkpoint of the same shapes, if there is one; says at which epoch.
