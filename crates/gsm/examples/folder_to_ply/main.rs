@@ -1,4 +1,5 @@
-//! Segments a folder of 7-Scenes frames and writes the stable surfels as a labelled PLY in the recording's frame.
+//! Segments a folder of posed depth images (7-Scenes or TUM RGB-D) and writes the stable surfels as a labelled PLY in
+//! the recording's frame.
 //!
 //! `cargo run --release -p ma3dsg-gsm --example folder_to_ply -- DIR OUT.ply [options]`
 //! options: `--pixels N` (working pixels), `--noise structured|tof|ideal`, `--reverse`, `--passes N`,
@@ -6,8 +7,11 @@
 //! Times are CPU of all threads, and wall.
 #![allow(clippy::print_stdout, reason = "a command-line example")]
 
+mod recording;
+
 use gsm::{DepthView, Intrinsics, Map, NoiseModel, Params, Profile, estimate_up};
-use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, UnitQuaternion, Vector3};
+use recording::{Frame, Recording};
 use std::error::Error;
 use std::fs;
 use std::io::{BufWriter, Write};
@@ -22,24 +26,22 @@ fn main() -> Result<()> {
 }
 
 fn run(options: &Options) -> Result<()> {
-    let intrinsics = read_intrinsics(&options.folder)?;
-    let mut frames = list_frames(&options.folder)?;
-    if options.reverse {
-        frames.reverse();
-    }
-    frames.truncate(options.last);
+    let recording = Recording::read(&options.folder, options.reverse, options.last)?;
+    let intrinsics = recording.intrinsics;
     let mut map = Map::new(options.params.clone())?;
     let mut clock = Clock::default();
     let world = options.turn.map(random_pose).unwrap_or_else(Isometry3::identity);
     let (mut skipped, mut events) = (0, 0);
-    let cached: Vec<(Vec<f32>, Isometry3<f32>)> = frames
-        .iter()
-        .map(|f| Ok((read_depth(f, intrinsics)?, world * read_pose(f)?)))
-        .collect::<Result<_>>()?;
+    if recording.unposed > 0 {
+        println!("{} images have no pose within 0.02 s and are left out", recording.unposed);
+    }
+    let mut frames = recording.frames;
+    frames.iter_mut().for_each(|f| f.world_from_camera = world * f.world_from_camera);
     for pass in 0..options.passes {
         let (mut total, mut wall) = (Vec::new(), Vec::new());
-        for (i, (depth, pose)) in cached.iter().enumerate() {
-            let view = DepthView { depth, intrinsics, world_from_camera: *pose, time: i as f64 / 15.0 };
+        for (i, frame) in frames.iter().enumerate() {
+            let Frame { depth, world_from_camera, time } = frame;
+            let view = DepthView { depth, intrinsics, world_from_camera: *world_from_camera, time: *time };
             let (start, begun) = (cpu_ms(), now());
             clock.last = start;
             let report = map.integrate_observed(&view, |stage| clock.stop(stage as usize));
@@ -61,7 +63,7 @@ fn run(options: &Options) -> Result<()> {
             wall[wall.len() / 2]
         );
     }
-    clock.print(cached.len() * options.passes);
+    clock.print(frames.len() * options.passes);
     let surfels = map.surfels().count();
     if let Some(file) = &options.frame {
         write_frame(file, &map)?;
@@ -74,7 +76,7 @@ fn run(options: &Options) -> Result<()> {
         estimate_up(&map).map(|u| (world.rotation.inverse() * u).data.0)
     );
     if options.coverage {
-        let [all, own, near] = coverage(&cached, intrinsics, &map);
+        let [all, own, near] = coverage(&frames, intrinsics, &map);
         println!(
             "{all} voxels of 2 cm hit by two or more valid depths: a surfel in {:.1} %, in it or a neighbour {:.1} %",
             100.0 * own as f64 / all.max(1) as f64,
@@ -86,12 +88,12 @@ fn run(options: &Options) -> Result<()> {
 
 /// Voxels of 2 cm that two or more valid depths hit, those that hold a stable surfel, and those that have one within
 /// the 27 around.
-fn coverage(frames: &[(Vec<f32>, Isometry3<f32>)], k: Intrinsics, map: &Map) -> [usize; 3] {
+fn coverage(frames: &[Frame], k: Intrinsics, map: &Map) -> [usize; 3] {
     let (near, far) = (map.params().min_depth, map.params().max_depth);
     let key = |p: nalgebra::Point3<f32>| [p.x, p.y, p.z].map(|v| (v / 0.02).floor() as i16);
     let mut hit: Vec<[i16; 3]> = Vec::new();
     let mut all: Vec<[i16; 3]> = Vec::new();
-    for (depth, pose) in frames {
+    for Frame { depth, world_from_camera: pose, .. } in frames {
         for (i, &z) in depth.iter().enumerate().filter(|(_, z)| **z >= near && **z <= far) {
             let (x, y) = ((i % k.width() as usize) as f32, (i / k.width() as usize) as f32);
             hit.push(key(
@@ -278,48 +280,6 @@ fn random_pose(seed: u64) -> Isometry3<f32> {
     let axis = Vector3::new(draw(), draw(), draw()).normalize() * (draw() * 6.0);
     let shift = Vector3::new(draw(), draw(), draw()) * 10.0;
     Isometry3::from_parts(shift.into(), UnitQuaternion::from_scaled_axis(axis))
-}
-
-fn list_frames(folder: &Path) -> Result<Vec<PathBuf>> {
-    let mut list: Vec<PathBuf> =
-        fs::read_dir(folder)?.map(|e| e.map(|e| e.path())).collect::<std::io::Result<_>>()?;
-    list.retain(|p| p.to_string_lossy().ends_with(".depth.png"));
-    list.sort();
-    Ok(list)
-}
-
-fn read_numbers(path: &Path) -> Result<Vec<f64>> {
-    let text = fs::read_to_string(path).map_err(|e| format!("{}: {e}", path.display()))?;
-    Ok(text.split_whitespace().map(str::parse).collect::<std::result::Result<_, _>>()?)
-}
-
-fn read_intrinsics(folder: &Path) -> Result<Intrinsics> {
-    let k = read_numbers(&folder.join("camera-intrinsics.txt"))?;
-    let [fx, _, cx, _, fy, cy, ..] = k[..] else { return Err("camera-intrinsics.txt: not 3x3".into()) };
-    Ok(Intrinsics::new(fx as f32, fy as f32, cx as f32, cy as f32, 640, 480)?)
-}
-
-fn read_pose(depth: &Path) -> Result<Isometry3<f32>> {
-    let m = read_numbers(&PathBuf::from(depth.to_string_lossy().replace(".depth.png", ".pose.txt")))?;
-    let [a, b, c, x, d, e, f, y, g, h, i, z, ..] = m[..] else { return Err("pose: not 4x4".into()) };
-    let rotation = Rotation3::from_matrix(&Matrix3::new(a, b, c, d, e, f, g, h, i));
-    let rotation = UnitQuaternion::from_rotation_matrix(&rotation).cast::<f32>();
-    Ok(Isometry3::from_parts(Translation3::new(x as f32, y as f32, z as f32), rotation))
-}
-
-fn read_depth(path: &Path, intrinsics: Intrinsics) -> Result<Vec<f32>> {
-    let decoder = png::Decoder::new(std::io::BufReader::new(fs::File::open(path)?));
-    let mut reader = decoder.read_info()?;
-    let mut raw = vec![0; reader.output_buffer_size().ok_or("png too large")?];
-    let info = reader.next_frame(&mut raw)?;
-    if (info.width, info.height) != (intrinsics.width(), intrinsics.height()) {
-        return Err(format!("{}: {}x{}", path.display(), info.width, info.height).into());
-    }
-    let metres = |b: &[u8]| match u16::from_be_bytes([b[0], b[1]]) {
-        u16::MAX => 0.0,
-        mm => f32::from(mm) * 1e-3,
-    };
-    Ok(raw.chunks_exact(2).map(metres).collect())
 }
 
 fn write_ply(path: &Path, map: &Map, recording_from_world: &Isometry3<f32>) -> Result<()> {
