@@ -24,4 +24,14 @@ pub enum Error {
         /// What would have been accepted.
         expected: &'static str,
     },
+    /// Bytes that are no evicted part of a map.
+    #[error(
+        "evicted part of a map: byte {at}: {problem}; it was cut off, damaged, or written by another version"
+    )]
+    Evicted {
+        /// Where it was noticed.
+        at: usize,
+        /// What was found there.
+        problem: &'static str,
+    },
 }

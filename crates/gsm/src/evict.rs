@@ -9,17 +9,17 @@ use nalgebra::Point3;
 /// What was taken out of a map: surfels with their segments, and what was looked at. It belongs to that map alone.
 #[derive(Debug, Clone, Default)]
 pub struct Evicted {
-    bricks: Vec<Part>,
+    pub(crate) bricks: Vec<Part>,
 }
 
 /// One brick.
 #[derive(Debug, Clone)]
-struct Part {
-    key: [i32; 3],
-    through: u8,
-    surface: u8,
+pub(crate) struct Part {
+    pub(crate) key: [i32; 3],
+    pub(crate) through: u8,
+    pub(crate) surface: u8,
     /// With the id of the segment, 0 = none.
-    surfels: Vec<(Whole, u32)>,
+    pub(crate) surfels: Vec<(Whole, u32)>,
 }
 
 impl Evicted {

@@ -34,6 +34,7 @@ mod edges;
 mod error;
 mod event;
 mod evict;
+mod evict_bytes;
 mod frame;
 mod fuse;
 mod gravity;

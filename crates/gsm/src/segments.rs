@@ -84,6 +84,8 @@ impl Segments {
         if let Some(slot) = self.slots.iter().position(|r| r.id == id) {
             return slot as u32;
         }
+        // Ids of another run's part stay its own.
+        self.issued = self.issued.max(id);
         self.put(Record { id, born: frame, ..Record::default() })
     }
 

@@ -2,7 +2,7 @@
 
 #![allow(clippy::unwrap_used, reason = "a failed test may panic")]
 
-use gsm::{DepthView, Intrinsics, Map, NoiseMeter, NoiseModel, Params, Profile, SegmentEvent};
+use gsm::{DepthView, Evicted, Intrinsics, Map, NoiseMeter, NoiseModel, Params, Profile, SegmentEvent};
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
 const WIDTH: u32 = 160;
@@ -150,6 +150,44 @@ fn a_corrected_stretch_equals_one_with_right_poses() {
 }
 
 #[test]
+fn damaged_bytes_are_refused_or_harmless() {
+    let k = camera(WIDTH, HEIGHT);
+    let mut map = Map::new(ideal()).unwrap();
+    add(&mut map, k, &render(&k, &pose(0), |_| 0.0, 1), pose(0), 0);
+    let nothing = Point3::new(100.0, 100.0, 100.0);
+    let bytes = map.evict_outside(nothing, nothing).to_bytes();
+    assert!(bytes.len() > 50_000);
+    for cut in (0..bytes.len()).step_by(997).chain(0..64) {
+        assert!(matches!(Evicted::from_bytes(&bytes[..cut]), Err(gsm::Error::Evicted { .. })), "{cut}");
+    }
+    let longer = [&bytes[..], &[0]].concat();
+    assert!(Evicted::from_bytes(&longer).is_err());
+    let mut refused = 0;
+    for n in 0..400 {
+        let mut hurt = bytes.clone();
+        hurt[(n * 7919) % bytes.len()] ^= 1 << (n % 8);
+        match Evicted::from_bytes(&hurt) {
+            // What is read is put back and worked with like any other part.
+            Ok(part) if n % 40 == 0 => {
+                let mut fresh = Map::new(ideal()).unwrap();
+                fresh.restore(part);
+                add(&mut fresh, k, &render(&k, &pose(1), |_| 0.0, 1), pose(1), 1);
+            }
+            Ok(_) => {}
+            Err(e) => {
+                refused += 1;
+                assert!(e.to_string().contains("byte"), "{e}");
+            }
+        }
+    }
+    assert!(refused > 5, "{refused}");
+    // A number that promises gigabytes takes none.
+    let mut huge = bytes[..26].to_vec();
+    huge[4..8].copy_from_slice(&u32::MAX.to_le_bytes());
+    assert!(Evicted::from_bytes(&huge).is_err());
+}
+
+#[test]
 fn what_is_evicted_comes_back_as_it_was() {
     let k = camera(WIDTH, HEIGHT);
     let mut map = Map::new(ideal()).unwrap();
@@ -185,6 +223,15 @@ fn what_is_evicted_comes_back_as_it_was() {
     let evicted = map.evict_outside(nothing, nothing);
     assert_eq!((map.surfels().count(), map.segments().count()), (0, 0));
     assert_eq!(map.restore(evicted), 0);
+    assert!(whole(&map) == before);
+    moments_equal_members(&map);
+    // By way of bytes.
+    let evicted = map.evict_outside(low, high);
+    let n = evicted.surfels();
+    let bytes = evicted.to_bytes();
+    let read = Evicted::from_bytes(&bytes).unwrap();
+    assert_eq!((read.surfels(), read.to_bytes() == bytes), (n, true));
+    assert_eq!(map.restore(read), 0);
     assert!(whole(&map) == before);
     moments_equal_members(&map);
     // The map goes on as if nothing had happened.
