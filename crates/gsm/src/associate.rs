@@ -226,7 +226,11 @@ impl Association {
         }
         share.ripe.drain(..).for_each(|id| segments.ripen(surfels, id));
         share.moved.drain(..).for_each(|id| segments.follow(surfels, id));
-        self.matches.append(&mut share.matches);
+        if self.matches.is_empty() {
+            std::mem::swap(&mut self.matches, &mut share.matches);
+        } else {
+            self.matches.append(&mut share.matches);
+        }
         self.weeds.append(&mut share.weeds);
         self.tagged.append(&mut share.tagged);
         share.strays.clear();

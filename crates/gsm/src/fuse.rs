@@ -6,6 +6,7 @@ use crate::frame::{dot, sub};
 use crate::project::bits;
 use crate::samples::{Sample, Samples};
 use crate::segments::Segments;
+use crate::sight::CONFIDENCE_MAX;
 use crate::store::{Step, Store};
 use crate::surfels::{BLOCK, Hot, HotBlock, Surfels};
 use crate::vote::Votes;
@@ -76,12 +77,20 @@ fn agree(block: &mut HotBlock, first: u32, verdict: &[u32; BLOCK], best: &[u32; 
     rest.iter().fold(0, |all, r| all | r)
 }
 
-/// Whether `id` lies closer to the surfel that its pixel sees best than their radius, and is the less certain.
+/// Whether `id` lies closer to the surfel that its pixel sees best than their radius, and is the less certain. What lies
+/// elsewhere in memory is asked last.
 fn redundant(surfels: &Surfels, id: u32, best: u32) -> bool {
+    let own = surfels.confidence(id);
+    if own >= CONFIDENCE_MAX && id < best {
+        return false;
+    }
+    let certain = |confidence: f32, id: u32| (confidence, std::cmp::Reverse(id));
+    if certain(own, id) >= certain(surfels.confidence(best), best) {
+        return false;
+    }
     let off = sub(surfels.position(id), surfels.position(best));
     let r = surfels.radius(id).min(surfels.radius(best));
-    let certain = |id: u32| (surfels.confidence(id), std::cmp::Reverse(id));
-    dot(off, off) < r * r && certain(id) < certain(best)
+    dot(off, off) < r * r
 }
 
 /// Moves the label towards that of the sample's region: agreement strengthens it, disagreement wears it down.

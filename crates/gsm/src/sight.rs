@@ -9,7 +9,8 @@ use crate::surfels::{BLOCK, HotBlock};
 /// Where errors are independent, surfels average them: fused is mostly the measured depth, since smoothing would
 /// blur steps for good.
 const RAW: f32 = 0.75;
-const CONFIDENCE_MAX: f32 = 40.0;
+/// Sightings beyond this do not count.
+pub(crate) const CONFIDENCE_MAX: f32 = 40.0;
 
 type Column = [f32; BLOCK];
 

@@ -6,6 +6,7 @@
 
 use crate::associate::{Association, Match};
 use crate::event::SegmentEvent;
+use crate::project::bits;
 use crate::samples::Samples;
 use crate::store::{Step, Store};
 use crate::surfels::Surfels;
@@ -149,7 +150,14 @@ impl Splits {
             association.tagged.iter().for_each(|m| self.paint_one(*m, votes, surfels, given));
         } else {
             for matches in &association.matches {
-                matches.each(matches.seen).for_each(|m| self.paint_one(m, votes, surfels, given));
+                let tagged = surfels.tagged(matches.first);
+                for k in bits(matches.seen) {
+                    let region = votes.keys[matches.sample[k] as usize].region as usize;
+                    if given[region] != 0 || tagged >> k & 1 != 0 {
+                        let m = Match { surfel: matches.first + k as u32, sample: matches.sample[k] };
+                        self.paint_one(m, votes, surfels, given);
+                    }
+                }
             }
         }
     }

@@ -176,6 +176,11 @@ impl Surfels {
         self.hot[id as usize / BLOCK].tagged >> (id as usize % BLOCK) & 1 == 1
     }
 
+    /// The tagged entries of the block that starts at an entry.
+    pub(crate) fn tagged(&self, first: u32) -> u16 {
+        self.hot[first as usize / BLOCK].tagged
+    }
+
     /// Sets the tag of a part that may be split off, 0 = none.
     pub(crate) fn set_tag(&mut self, id: u32, tag: u32) {
         self.cold[id as usize].tag = tag;
