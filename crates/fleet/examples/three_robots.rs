@@ -32,7 +32,7 @@ fn main() -> Result<(), Error> {
             net.publish(now, o)?;
         }
     }
-    let held = |net: &Network| [0, 1, 2].map(|a| net.replica(a).observations().len());
+    let held = |net: &Network| [0, 1, 2].map(|a| net.replica(a).len());
     println!("12 visits published; the robots hold {:?} of them", held(&net));
 
     // Every robot asks every other for what it lacks.

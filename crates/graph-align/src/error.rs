@@ -40,6 +40,20 @@ pub enum Error {
         /// Sequence number of both.
         seq: u32,
     },
+    /// An entry of a time that is final here.
+    #[error(
+        "agent {agent}, epoch {epoch}, sequence number {seq}: everything before {cut_ds} ds is final here; start from the snapshot and publish in a new epoch"
+    )]
+    Late {
+        /// Its agent.
+        agent: u16,
+        /// Its epoch.
+        epoch: u16,
+        /// Its sequence number.
+        seq: u32,
+        /// What is before this is final, tenths of a second.
+        cut_ds: u32,
+    },
 }
 
 impl Error {

@@ -48,7 +48,9 @@ pub use error::Error;
 pub use graph::{Edge, Node, NodeId, SceneGraph};
 pub use looked::Looked;
 pub use paper::PaperParams;
-pub use replica::{Folded, Key, Observation, Replica};
+pub use replica::{
+    Beyond, Component, Folded, Key, Observation, Replica, Retraction, Snapshot, VersionVector,
+};
 pub use robust::{Index, RobustParams};
 pub use update::{append, update};
 pub use vocabulary::{LabelId, PredicateId, Vocabulary};

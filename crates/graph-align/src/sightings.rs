@@ -1,8 +1,8 @@
 //! Who saw which object where, and the frames that this implies.
 
-use crate::{Box3, NodeId, Observation, fit};
+use crate::{Box3, NodeId, Observation, SceneGraph, fit};
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::f32::consts::{FRAC_PI_2, FRAC_PI_4};
 
 /// Rounds over all frames.
@@ -34,8 +34,13 @@ pub(crate) struct Sightings(BTreeMap<NodeId, Vec<Sighting>>);
 impl Sightings {
     /// Those of one observation.
     pub(crate) fn of(o: &Observation) -> Self {
-        let of = |b: &Box3| Sighting { frame: o.frame, p: b.centroid(), side: side(b) };
-        Self(o.graph.nodes().map(|n| (n.id, vec![of(&n.bounds)])).collect())
+        Self::in_frame(o.frame, &o.graph)
+    }
+
+    /// Those of a graph whose nodes stand where they were seen, all in one frame.
+    pub(crate) fn in_frame(frame: u32, graph: &SceneGraph) -> Self {
+        let of = |b: &Box3| Sighting { frame, p: b.centroid(), side: side(b) };
+        Self(graph.nodes().map(|n| (n.id, vec![of(&n.bounds)])).collect())
     }
 
     /// Adds others under the ids that their nodes have become.
@@ -62,11 +67,12 @@ impl Sightings {
     /// Frames that bring the sightings of each object together: in turn, every frame but the root is
     /// fitted by weighted least squares to where the other frames see its objects, and turned to how they
     /// see the sides of what is long. `objects` says whose centroids count; walls count by their sides
-    /// alone. Frames without common objects stay.
+    /// alone. Frames without common objects stay, and those that are `held`.
     pub(crate) fn fit(
         &self,
         root: u32,
         frames: &BTreeMap<u32, Isometry3<f32>>,
+        held: &BTreeSet<u32>,
         objects: impl Fn(NodeId) -> bool,
     ) -> BTreeMap<u32, Isometry3<f32>> {
         let shared = |seen: &[Sighting]| seen.iter().any(|s| s.frame != seen[0].frame);
@@ -76,7 +82,7 @@ impl Sightings {
             .collect();
         let mut out = frames.clone();
         for _ in 0..ROUNDS {
-            for frame in frames.keys().filter(|f| **f != root) {
+            for frame in frames.keys().filter(|f| **f != root && !held.contains(f)) {
                 let points = correspondences(&all, *frame, &out);
                 if points.len() >= 3 {
                     let t = fit::rigid(&points, true);

@@ -311,7 +311,7 @@ proptest! {
         prop_assert_eq!(&parts[0].fold(&Params::default()), &reference);
         // Without an agent it is as if that agent had never been.
         let own: Vec<_> = list.iter().filter(|o| o.key.agent != 1).cloned().collect();
-        prop_assert_eq!(parts[0].without(1).fold(&Params::default()), fold(&own));
+        prop_assert_eq!(parts[0].without(1).unwrap().fold(&Params::default()), fold(&own));
     }
 }
 

@@ -3,10 +3,10 @@
 use super::bits::{Reader, Writer};
 use super::{
     DELTA, EDGE_BYTES, LOOKED, LOOKED_AS_BEFORE, MAX_EDGES, MAX_NODES, NODE_BYTES, cells, check_size, encode,
-    flags_of, head, only_way, open, padded, put_edges, put_name, put_nodes, read_edges, read_name,
+    flags_of, head, only_way, open, padded, put_edges, put_name, put_nodes, read_edges, read_key, read_name,
     read_nodes,
 };
-use crate::{Edge, Error, Node, Observation, SceneGraph, Vocabulary};
+use crate::{Edge, Error, Key, Node, Observation, SceneGraph, Vocabulary};
 
 /// What `o` changes of `base`, an observation that the receiver has, as bytes. Worth it where few
 /// nodes changed: those that did travel whole.
@@ -77,6 +77,20 @@ pub fn decode_delta(bytes: &[u8], base: &Observation, vocabulary: &Vocabulary) -
     let o = Observation { key, end_ds, frame, graph, looked };
     only_way(&encode_delta(base, &o, vocabulary)?, bytes)?;
     Ok(o)
+}
+
+/// The name of the observation that a delta makes: where it is a later revision of a visit, the base is an
+/// earlier one of the same agent, epoch and start.
+///
+/// # Errors
+/// No delta of this vocabulary.
+pub fn revision_of(bytes: &[u8], vocabulary: &Vocabulary) -> Result<Key, Error> {
+    let (flags, mut r) = open(bytes, vocabulary)?;
+    if flags & DELTA == 0 {
+        return Err(r.bad(format!("flags {flags:#x} of no delta")));
+    }
+    r.bits(32)?;
+    read_key(&mut r)
 }
 
 fn has(graph: &SceneGraph, e: &Edge) -> bool {

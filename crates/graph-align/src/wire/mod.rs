@@ -8,6 +8,8 @@
 mod bits;
 mod cells;
 mod delta;
+mod entries;
+mod snapshot;
 
 use crate::graph::{SCORE_STEPS, YAW_STEPS, quantise_score, yaw_of};
 use crate::{
@@ -15,7 +17,9 @@ use crate::{
     Vocabulary,
 };
 use bits::{Reader, Writer};
-pub use delta::{decode_delta, encode_delta};
+pub use delta::{decode_delta, encode_delta, revision_of};
+pub use entries::{Kind, MAX_KEYS, decode_gone, decode_retraction, encode_gone, encode_retraction, kind};
+pub use snapshot::{decode_snapshot, encode_snapshot};
 
 /// First bytes of every frame.
 pub const MAGIC: &[u8; 4] = b"MSG3";
@@ -24,6 +28,9 @@ const LOOKED: u8 = 2;
 const FOOTPRINTS: u8 = 4;
 const DELTA: u8 = 8;
 const LOOKED_AS_BEFORE: u8 = 16;
+/// Alone: a retraction, or entries that no longer count.
+const RETRACTION: u8 = 32;
+const GONE: u8 = 64;
 /// Most nodes of a frame.
 pub const MAX_NODES: usize = 1 << 16;
 /// Most edges of a frame.
@@ -157,20 +164,30 @@ fn padded(w: Writer, nodes: usize, edges: usize, looked: Option<&Looked>) -> Vec
     bytes
 }
 
-fn put_name(w: &mut Writer, o: &Observation) {
-    for v in [u32::from(o.key.agent), u32::from(o.key.epoch), o.key.seq, o.key.start_ds] {
+fn put_key(w: &mut Writer, key: &Key) {
+    for v in [u32::from(key.agent), u32::from(key.epoch), key.seq, key.start_ds] {
         w.number(u64::from(v));
     }
+}
+
+fn read_key(r: &mut Reader<'_>) -> Result<Key, Error> {
+    let short = |r: &mut Reader<'_>| u16::try_from(r.number()?).map_err(|_| r.bad("a number beyond 16 bits"));
+    let (agent, epoch) = (short(r)?, short(r)?);
+    let (seq, start_ds) = (r.u32()?, r.u32()?);
+    Ok(Key { start_ds, agent, epoch, seq })
+}
+
+fn put_name(w: &mut Writer, o: &Observation) {
+    put_key(w, &o.key);
     w.number(u64::from(o.end_ds.saturating_sub(o.key.start_ds)));
     w.number(u64::from(o.frame));
 }
 
 fn read_name(r: &mut Reader<'_>) -> Result<(Key, u32, u32), Error> {
-    let short = |r: &mut Reader<'_>| u16::try_from(r.number()?).map_err(|_| r.bad("a number beyond 16 bits"));
-    let (agent, epoch) = (short(r)?, short(r)?);
-    let (seq, start_ds, duration, frame) = (r.u32()?, r.u32()?, r.u32()?, r.u32()?);
-    let end_ds = start_ds.checked_add(duration).ok_or_else(|| r.bad("end beyond the clock"))?;
-    Ok((Key { start_ds, agent, epoch, seq }, end_ds, frame))
+    let key = read_key(r)?;
+    let (duration, frame) = (r.u32()?, r.u32()?);
+    let end_ds = key.start_ds.checked_add(duration).ok_or_else(|| r.bad("end beyond the clock"))?;
+    Ok((key, end_ds, frame))
 }
 
 fn flags_of(nodes: &[&Node]) -> u8 {

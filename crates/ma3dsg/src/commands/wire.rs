@@ -7,7 +7,6 @@ use graph_align::json::GraphFile;
 use graph_align::{Key, Observation, Params, Replica, RobustParams, Vocabulary, wire};
 use scan3r::LabelSet;
 use serde_json::json;
-use sha2::{Digest, Sha256};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -24,9 +23,10 @@ pub(crate) struct EncodeArgs {
     /// Number of the observation.
     #[arg(long, default_value_t = 0)]
     seq: u32,
-    /// Start of the visit, tenths of a second; its end is the latest `last_seen`.
-    #[arg(long, default_value_t = 0)]
-    start: u32,
+    /// Start of the visit, tenths of a second, by default its number; its end is the latest `last_seen`.
+    /// Of several with the same agent and start the one with the highest number counts.
+    #[arg(long)]
+    start: Option<u32>,
     /// Coordinate frame; graphs of one number need no search to be laid together.
     #[arg(long, default_value_t = 0)]
     frame: u32,
@@ -78,6 +78,7 @@ impl EncodeArgs {
     pub(crate) fn run(self) -> Result<ExitCode> {
         let file = GraphFile::parse(&files::read_text(&self.graph)?)
             .with_context(|| format!("{}", self.graph.display()))?;
+        let start_ds = self.start.unwrap_or(self.seq);
         for known in vocabularies()? {
             // Names that are not in it would be added.
             let mut vocabulary = known.clone();
@@ -86,9 +87,9 @@ impl EncodeArgs {
             if vocabulary != known {
                 continue;
             }
-            let end = graph.nodes().map(|n| n.last_seen).fold(f64::from(self.start) / 10.0, f64::max);
+            let end = graph.nodes().map(|n| n.last_seen).fold(f64::from(start_ds) / 10.0, f64::max);
             let o = Observation {
-                key: Key { start_ds: self.start, agent: self.agent, epoch: 0, seq: self.seq },
+                key: Key { start_ds, agent: self.agent, epoch: 0, seq: self.seq },
                 end_ds: (end * 10.0).round() as u32,
                 frame: self.frame,
                 graph,
@@ -124,6 +125,42 @@ fn decode(bytes: &[u8], path: &Path) -> Result<(Observation, Vocabulary)> {
     }
 }
 
+/// The vocabulary that a frame was written with.
+fn vocabulary_of(bytes: &[u8], path: &Path) -> Result<Vocabulary> {
+    let mut first = None;
+    for v in vocabularies()? {
+        match wire::kind(bytes, &v) {
+            Ok(_) => return Ok(v),
+            Err(e) => first = first.or(Some(e)),
+        }
+    }
+    Err(first.map_or_else(|| anyhow::anyhow!("no vocabulary"), Into::into))
+        .with_context(|| format!("{}", path.display()))
+}
+
+/// What a frame says joins a replica; a delta needs its base in a frame before it.
+fn take(replica: &mut Replica, bytes: &[u8], v: &Vocabulary) -> Result<()> {
+    match wire::kind(bytes, v)? {
+        wire::Kind::Retraction => drop(replica.retract(wire::decode_retraction(bytes, v)?)?),
+        wire::Kind::Gone => replica.pass_over(wire::decode_gone(bytes, v)?)?,
+        wire::Kind::Delta => {
+            let key = wire::revision_of(bytes, v)?;
+            match replica.revision_before(&key).map(|base| wire::decode_delta(bytes, base, v)) {
+                Some(Ok(o)) => drop(replica.apply(o)?),
+                Some(Err(_)) | None if replica.vector().contains(&key) => {}
+                Some(Err(e)) => return Err(e.into()),
+                None => bail!(
+                    "a delta of agent {}, number {}, whose base is in no frame before it",
+                    key.agent,
+                    key.seq
+                ),
+            }
+        }
+        _ => drop(replica.apply(wire::decode(bytes, v)?)?),
+    }
+    Ok(())
+}
+
 impl DecodeArgs {
     pub(crate) fn run(self) -> Result<ExitCode> {
         let bytes = files::read(&self.frame)?;
@@ -150,42 +187,39 @@ impl DecodeArgs {
 impl FoldArgs {
     pub(crate) fn run(self) -> Result<ExitCode> {
         let mut replica = Replica::default();
-        let mut vocabulary = None;
+        let mut vocabulary: Option<Vocabulary> = None;
         for path in &self.frames {
             let bytes = files::read(path)?;
             for frame in wire::split(&bytes).with_context(|| format!("{}", path.display()))? {
-                let (o, v) = decode(frame, path)?;
-                if vocabulary.get_or_insert_with(|| v.clone()) != &v {
+                let v = vocabulary_of(frame, path)?;
+                if *vocabulary.get_or_insert_with(|| v.clone()) != v {
                     bail!("{}: another label set than the frames before it", path.display());
                 }
-                if Some(o.key.agent) != self.without {
-                    replica.apply(o).with_context(|| format!("{}", path.display()))?;
-                }
+                take(&mut replica, frame, &v).with_context(|| format!("{}", path.display()))?;
             }
         }
-        let vocabulary = vocabulary.unwrap_or_default();
-        let mut state = Sha256::new();
-        for o in replica.observations() {
-            state.update(wire::encode(o, &vocabulary)?);
+        if let Some(agent) = self.without {
+            replica = replica.without(agent)?;
         }
-        let state = bench_3rscan::run::hex(&state.finalize());
+        let vocabulary = vocabulary.unwrap_or_default();
+        let state = bench_3rscan::run::hex(&replica.state_hash());
         let mut params = Params { robust: RobustParams::for_vocabulary(&vocabulary), ..Params::default() };
         params.robust.named = self.min_class;
         pipeline::set_robust(&mut params.robust, &self.robust)?;
         let folded = replica.fold(&params);
         let named = folded.main_graph().named(vocabulary.find_label(agent::NONE), self.min_class);
         let mut file = GraphFile::of_graph(&named, &vocabulary);
-        file.provenance = json!({"observations": replica.observations().len(), "state_hash": state});
+        file.provenance = json!({"observations": replica.len(), "state_hash": state});
         if self.json {
             let v = json!({
-                "state_hash": state, "observations": replica.observations().len(),
+                "state_hash": state, "observations": replica.len(),
                 "components": folded.components.len(), "graph": file,
             });
             say(serde_json::to_string_pretty(&v)?);
         } else {
             say(format!(
                 "state {state}\n{} observations, {} components, {} nodes, {} edges in the largest",
-                replica.observations().len(),
+                replica.len(),
                 folded.components.len(),
                 file.nodes.len(),
                 file.edges.len()

@@ -1,53 +1,14 @@
-//! A pure fold over a set of observations.
-//!
-//! A [`Replica`] is the set of everything that was heard; the merged graph is a function of that
-//! set alone ([`Replica::fold`]). Arrival order, duplicates and delays do not matter: the same set
-//! gives the same bytes.
+//! The merged graph as a function of a set of observations.
 
+use super::Observation;
 use crate::robust::{self, Index};
 use crate::sightings::Sightings;
 use crate::{
-    Algorithm, Error, Looked, Match, NodeId, Outcome, Params, Query, SceneGraph, Verdict, align_indexed,
-    append, paper, update,
+    Algorithm, Match, NodeId, Outcome, Params, Query, SceneGraph, Verdict, align_indexed, append, paper,
+    update,
 };
 use nalgebra::Isometry3;
-use std::collections::BTreeMap;
-
-/// Which observation, and where it sorts: by the start of its visit, then agent, epoch and
-/// sequence number.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub struct Key {
-    /// Start of the visit on the simulated clock, tenths of a second.
-    pub start_ds: u32,
-    /// Who saw it.
-    pub agent: u16,
-    /// Which run of that agent.
-    pub epoch: u16,
-    /// Its number within the run.
-    pub seq: u32,
-}
-
-/// What one visit saw, quantised when it was made ([`SceneGraph::quantised`]).
-#[derive(Clone, Debug, PartialEq)]
-pub struct Observation {
-    /// Name and place in the order.
-    pub key: Key,
-    /// End of the visit, tenths of a second.
-    pub end_ds: u32,
-    /// The frame in which `graph` stands; observations of one frame need no search to be laid
-    /// together.
-    pub frame: u32,
-    /// The visit's graph.
-    pub graph: SceneGraph,
-    /// Where the visit looked, in the same frame.
-    pub looked: Option<Looked>,
-}
-
-/// Observations of any number of agents.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Replica {
-    observations: BTreeMap<Key, Observation>,
-}
+use std::collections::{BTreeMap, BTreeSet};
 
 /// A part of the merged graph whose frames are connected.
 #[derive(Clone, Debug)]
@@ -62,6 +23,8 @@ pub struct Component {
     index: Index,
     /// Where each object was seen, in the frames of those who saw it.
     sightings: Sightings,
+    /// Frames that are final.
+    held: BTreeSet<u32>,
 }
 
 impl PartialEq for Component {
@@ -78,85 +41,34 @@ pub struct Folded {
     pub components: Vec<Component>,
 }
 
-impl Replica {
-    /// Takes in an observation. True if it is new.
-    ///
-    /// # Errors
-    /// [`Error::Equivocation`]: another observation of the same agent, epoch and number is there.
-    pub fn apply(&mut self, o: Observation) -> Result<bool, Error> {
-        let Key { agent, epoch, seq, .. } = o.key;
-        let same = |k: &Key| (k.agent, k.epoch, k.seq) == (agent, epoch, seq);
-        if let Some(known) = self.observations.iter().find(|(k, _)| same(k)).map(|(_, v)| v) {
-            return if *known == o { Ok(false) } else { Err(Error::Equivocation { agent, epoch, seq }) };
-        }
-        self.observations.insert(o.key, o);
-        Ok(true)
-    }
-
-    /// Everything that `other` holds joins this replica.
-    ///
-    /// # Errors
-    /// As [`Self::apply`].
-    pub fn join(&mut self, other: &Self) -> Result<(), Error> {
-        other.observations.values().try_for_each(|o| self.apply(o.clone()).map(|_| ()))
-    }
-
-    /// Observations in the order of the fold.
-    pub fn observations(&self) -> impl ExactSizeIterator<Item = &Observation> {
-        self.observations.values()
-    }
-
-    /// The observations of all agents but one.
-    #[must_use]
-    pub fn without(&self, agent: u16) -> Self {
-        let kept = self.observations.iter().filter(|(k, _)| k.agent != agent);
-        Self { observations: kept.map(|(k, o)| (*k, o.clone())).collect() }
-    }
-
-    /// Aligns and merges all observations in their order.
-    ///
-    /// Where frames had to be found, the fold runs twice: the first run finds who saw which object,
-    /// all frames are then fitted to all of that at once ([`Folded::frames`]), and the second run
-    /// merges in those frames.
-    #[must_use]
-    pub fn fold(&self, params: &Params) -> Folded {
-        let first = self.fold_in(&BTreeMap::new(), params);
-        let found =
-            params.algorithm == Algorithm::Robust && first.components.iter().any(|c| c.frames.len() > 1);
-        if found { self.fold_in(&first.frames(params), params) } else { first }
-    }
-
-    fn fold_in(&self, frames: &BTreeMap<u32, (u32, Isometry3<f32>)>, params: &Params) -> Folded {
-        let mut folded = Folded::default();
-        for o in self.observations.values() {
-            let known = frames.get(&o.frame);
-            let home = known
-                .and_then(|(root, _)| folded.components.iter().position(|c| c.frames.contains_key(root)));
-            if let (Some(k), Some((_, t))) = (home, known) {
-                folded.components[k].frames.entry(o.frame).or_insert(*t);
-            }
-            folded.push(o, params);
-        }
-        folded
-    }
-}
-
 impl Component {
     fn new(o: &Observation, params: &Params) -> Self {
         let graph = append(&SceneGraph::default(), &o.graph, &Isometry3::identity());
-        let index = match params.algorithm {
-            Algorithm::Robust => Index::of(&graph, &params.robust),
-            Algorithm::Paper | Algorithm::Append => Index::default(),
-        };
+        let index = index_of(&graph, params);
         let sightings = Sightings::of(o);
         let frames = BTreeMap::from([(o.frame, Isometry3::identity())]);
-        let mut new = Self { graph, root: o.frame, frames, index, sightings };
+        let mut new = Self { graph, root: o.frame, frames, index, sightings, held: BTreeSet::new() };
         if params.algorithm == Algorithm::Robust {
             let all = new.graph.nodes().map(|n| n.id).collect();
             let joined = robust::merge::join_parts(&mut new.graph, &mut new.index, &all, &params.robust);
             new.sightings.join(&joined);
         }
         new
+    }
+
+    /// The part with everything final, from nothing but its root, its frames and its graph: what was seen from
+    /// where is no longer known beyond the place of each node.
+    pub(super) fn settled(
+        root: u32,
+        frames: BTreeMap<u32, Isometry3<f32>>,
+        graph: &SceneGraph,
+        params: &Params,
+    ) -> Self {
+        let graph = graph.quantised();
+        let index = index_of(&graph, params);
+        let sightings = Sightings::in_frame(root, &graph);
+        let held = frames.keys().copied().collect();
+        Self { graph, root, frames, index, sightings, held }
     }
 
     fn align(&self, query: &Query<'_>, params: &Params) -> Outcome {
@@ -200,11 +112,75 @@ impl Component {
     fn refined(&self, params: &Params) -> BTreeMap<u32, Isometry3<f32>> {
         let objects =
             |id: NodeId| self.graph.node(id).is_some_and(|n| !params.robust.structure.contains(&n.label));
-        self.sightings.fit(self.root, &self.frames, objects)
+        self.sightings.fit(self.root, &self.frames, &self.held, objects)
+    }
+}
+
+fn index_of(graph: &SceneGraph, params: &Params) -> Index {
+    match params.algorithm {
+        Algorithm::Robust => Index::of(graph, &params.robust),
+        Algorithm::Paper | Algorithm::Append => Index::default(),
     }
 }
 
 impl Folded {
+    /// Folds more observations, in their order.
+    ///
+    /// Where frames had to be found, they are folded twice: the first run finds who saw which object, all
+    /// frames that are not final are then fitted to all of that at once ([`Self::frames`]), and the second run
+    /// merges in those frames.
+    pub(super) fn with(self, list: &[&Observation], params: &Params) -> Self {
+        let first = self.clone().pushed(list, &BTreeMap::new(), params);
+        let open = |c: &Component| c.frames.keys().any(|f| *f != c.root && !c.held.contains(f));
+        let found = first.components.iter().any(open);
+        if found && params.algorithm == Algorithm::Robust {
+            self.pushed(list, &first.frames(params), params)
+        } else {
+            first
+        }
+    }
+
+    fn pushed(
+        mut self,
+        list: &[&Observation],
+        frames: &BTreeMap<u32, (u32, Isometry3<f32>)>,
+        params: &Params,
+    ) -> Self {
+        self.bring_together(frames, params);
+        for o in list {
+            let known = frames.get(&o.frame);
+            let home =
+                known.and_then(|(root, _)| self.components.iter().position(|c| c.frames.contains_key(root)));
+            if let (Some(k), Some((_, t))) = (home, known) {
+                self.components[k].frames.entry(o.frame).or_insert(*t);
+            }
+            self.push(o, params);
+        }
+        self
+    }
+
+    /// Parts whose roots are known to lie in one frame are laid together.
+    fn bring_together(&mut self, frames: &BTreeMap<u32, (u32, Isometry3<f32>)>, params: &Params) {
+        let mut k = 1;
+        while let Some(c) = self.components.get(k) {
+            let known = frames.get(&c.root).filter(|(root, _)| *root != c.root);
+            let home = known.and_then(|(root, t)| {
+                let at = self.components[..k].iter().position(|c| c.frames.contains_key(root))?;
+                Some((at, *t))
+            });
+            match home {
+                Some((at, t)) => self.link(at, k, &t, params),
+                None => k += 1,
+            }
+        }
+    }
+
+    /// Everything so far becomes final ([`Component::settled`]).
+    pub(super) fn settled(self, params: &Params) -> Self {
+        let settle = |c: Component| Component::settled(c.root, c.frames, &c.graph, params);
+        Self { components: self.components.into_iter().map(settle).collect() }
+    }
+
     /// One step of the fold.
     pub fn push(&mut self, o: &Observation, params: &Params) {
         let query = Query { looked: o.looked.as_ref(), ..Query::new(&o.graph) };
@@ -251,6 +227,7 @@ impl Folded {
         for (frame, from_frame) in gone.frames {
             c.frames.insert(frame, t * from_frame);
         }
+        c.held.extend(gone.held);
         let query = Query::new(&gone.graph);
         let m = match params.algorithm {
             Algorithm::Robust => robust::associate(&c.index, &query, &t, &params.robust),
