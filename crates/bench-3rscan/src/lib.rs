@@ -14,6 +14,7 @@
 //! assert_eq!((r.r, r.p, r.f1), (Some(50.0), Some(75.0), Some(60.0)));
 //! ```
 
+pub mod changes;
 pub mod correspond;
 mod error;
 pub mod flush;

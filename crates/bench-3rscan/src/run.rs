@@ -40,6 +40,8 @@ pub struct RunParams<'a> {
     pub link: LinkParams,
     /// Alignment.
     pub align: Params,
+    /// Which truth counts.
+    pub reading: truth::Reading,
     /// Local graphs.
     pub local: LocalParams<'a>,
     /// Threads for visits.
@@ -113,7 +115,12 @@ pub fn run_cell(
     for (v, local) in plan.visits.iter().zip(&locals) {
         seen.entry(v.scan.clone()).and_modify(|s| s.add(&local.seen)).or_insert_with(|| local.seen.clone());
     }
-    let truth = truth::build(data, &placements, &seen, scenario, p.local.labels, p.local.vocabulary)?;
+    let truth =
+        truth::build(data, &placements, &seen, scenario, p.reading, p.local.labels, p.local.vocabulary)?;
+    let states = match scenario {
+        Scenario::Scp => Vec::new(),
+        Scenario::Ldcp => truth::states(data, &placements, &seen, p.local.labels, p.local.vocabulary)?,
+    };
     let middles: Vec<Point3<f32>> = placements.iter().map(|r| r.bounds.centroid()).collect();
     let multi = MultiParams {
         align: p.align.clone(),
@@ -124,6 +131,7 @@ pub fn run_cell(
         min_class: p.local.robot.graph.min_class,
         rooms: data.rooms(),
         middles: &middles,
+        states: &states,
         seed,
         clocks: p.local.clocks,
     };

@@ -66,6 +66,49 @@ pub struct Truth {
     pub counts: TruthCounts,
 }
 
+/// Which truth a run is scored against (BENCH.md section 2).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Reading {
+    /// Every instance that was ever annotated, where it was last, without those that were removed.
+    #[default]
+    Accumulated,
+    /// The instances of each room's last scan.
+    LastScan,
+    /// The instances of each room's reference scan, as they stood there, without those that were removed.
+    ReferenceMinusRemoved,
+}
+
+impl Reading {
+    /// All readings.
+    pub const ALL: [Self; 3] = [Self::Accumulated, Self::LastScan, Self::ReferenceMinusRemoved];
+
+    /// As in flags.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Accumulated => "accumulated",
+            Self::LastScan => "last-scan",
+            Self::ReferenceMinusRemoved => "reference-minus-removed",
+        }
+    }
+
+    /// The reading of that name.
+    #[must_use]
+    pub fn parse(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|r| r.name() == name)
+    }
+}
+
+/// A room as it was during one round: what there is to be matched, and where each object's middle was and its
+/// motion since the reference scan, domain frame.
+#[derive(Clone, Debug)]
+pub struct State {
+    /// Nodes alone.
+    pub truth: Truth,
+    /// By id, of nodes that count.
+    pub objects: BTreeMap<u64, (Point3<f32>, Isometry3<f32>)>,
+}
+
 /// What the visits saw of each scan.
 pub type SeenScans = BTreeMap<String, Seen>;
 
@@ -79,6 +122,8 @@ struct History {
     bounds: Option<Box3>,
     moved: bool,
     changed: bool,
+    /// Motion since the reference scan, reference frame.
+    pose: Isometry3<f32>,
     /// Of the whole annotated surface in the reference frame, scan by scan.
     extents: Vec<nalgebra::Vector3<f32>>,
 }
@@ -92,6 +137,7 @@ pub fn build(
     placements: &[Placement],
     seen: &SeenScans,
     scenario: Scenario,
+    reading: Reading,
     labels: LabelSet,
     vocabulary: &Vocabulary,
 ) -> Result<Truth, Error> {
@@ -99,8 +145,8 @@ pub fn build(
     for (room, placement) in placements.iter().enumerate() {
         let entry = &data.rooms()[room];
         let rounds = if scenario == Scenario::Scp { 0 } else { entry.scans.len() };
-        let part = RoomTruth { data, entry, placement, seen, rounds };
-        let (history, gone) = part.histories()?;
+        let part = RoomTruth { data, entry, placement, seen, rounds, reading };
+        let (history, gone) = part.histories(|_, _, _| ())?;
         let mut kept = BTreeSet::new();
         for (&instance, h) in &history {
             if gone.contains(&instance) {
@@ -142,6 +188,66 @@ pub fn build(
     Ok(truth)
 }
 
+/// Each room of the scenario during each of its rounds; rounds that nobody visited are as the one before.
+///
+/// # Errors
+/// As [`build`].
+pub fn states(
+    data: &dyn Dataset,
+    placements: &[Placement],
+    seen: &SeenScans,
+    labels: LabelSet,
+    vocabulary: &Vocabulary,
+) -> Result<Vec<Vec<State>>, Error> {
+    let mut out = Vec::with_capacity(placements.len());
+    for (room, placement) in placements.iter().enumerate() {
+        let entry = &data.rooms()[room];
+        let rounds = entry.scans.len();
+        let part = RoomTruth { data, entry, placement, seen, rounds, reading: Reading::Accumulated };
+        let mut list: Vec<State> = Vec::with_capacity(rounds + 1);
+        part.histories(|round, all, gone| {
+            while list.len() < round {
+                list.push(list.last().cloned().unwrap_or_else(State::nothing));
+            }
+            list.push(State::of(room, placement, all, gone, labels, vocabulary));
+        })?;
+        while list.len() <= rounds {
+            list.push(list.last().cloned().unwrap_or_else(State::nothing));
+        }
+        out.push(list);
+    }
+    Ok(out)
+}
+
+impl State {
+    fn nothing() -> Self {
+        let truth = Truth { nodes: Vec::new(), edges: Vec::new(), counts: TruthCounts::default() };
+        Self { truth, objects: BTreeMap::new() }
+    }
+
+    fn of(
+        room: usize,
+        placement: &Placement,
+        all: &BTreeMap<u32, History>,
+        gone: &BTreeSet<u32>,
+        labels: LabelSet,
+        vocabulary: &Vocabulary,
+    ) -> Self {
+        let mut out = Self::nothing();
+        let domain = placement.domain_from_reference;
+        for (&instance, h) in all.iter().filter(|(i, _)| !gone.contains(i)) {
+            let label = labels.class_of(&h.raw).and_then(|c| vocabulary.find_label(c));
+            let (Some(bounds), true, true) = (h.bounds, label.is_some(), h.samples >= MIN_SAMPLES) else {
+                continue;
+            };
+            let id = node_id(room, instance);
+            out.objects.insert(id, (bounds.centroid(), domain * h.pose * domain.inverse()));
+            out.truth.nodes.push(TruthNode { id, room, label, raw: h.raw.clone(), bounds, ignore: false });
+        }
+        out
+    }
+}
+
 fn node_id(room: usize, instance: u32) -> u64 {
     room as u64 * 1_000_000 + u64::from(instance)
 }
@@ -174,6 +280,7 @@ struct RoomTruth<'a> {
     placement: &'a Placement,
     seen: &'a SeenScans,
     rounds: usize,
+    reading: Reading,
 }
 
 /// Depth samples, points in the reference frame, and the pose that the instance had then.
@@ -185,8 +292,12 @@ impl RoomTruth<'_> {
         if round == 0 { &self.entry.reference } else { &self.entry.scans[round - 1].id }
     }
 
-    /// Every annotated instance, and those that are gone at the end.
-    fn histories(&self) -> Result<(BTreeMap<u32, History>, BTreeSet<u32>), Error> {
+    /// Every annotated instance, and those that are gone at the end; `after` hears of both after each visited
+    /// round.
+    fn histories(
+        &self,
+        mut after: impl FnMut(usize, &BTreeMap<u32, History>, &BTreeSet<u32>),
+    ) -> Result<(BTreeMap<u32, History>, BTreeSet<u32>), Error> {
         let mut all: BTreeMap<u32, History> = BTreeMap::new();
         let mut gone = BTreeSet::new();
         // Points of an instance as last seen well, in the reference frame, with its pose then.
@@ -202,6 +313,9 @@ impl RoomTruth<'_> {
             }
             for (&id, raw) in &annotation.labels {
                 gone.remove(&id);
+                if round > 0 && self.reading == Reading::ReferenceMinusRemoved {
+                    continue;
+                }
                 let pose = self.instance_pose(round, id)?;
                 let samples = seen.samples(id);
                 if let Some(p) = points.get(&id) {
@@ -219,12 +333,14 @@ impl RoomTruth<'_> {
                     bounds: None,
                     moved: false,
                     changed: false,
+                    pose,
                     extents: Vec::new(),
                 });
                 h.changed |= h.raw != *raw || self.nonrigid(round, id);
                 h.moved |= round > 0
                     && self.entry.scans[round - 1].rigid.moves().iter().any(|m| m.instance_reference == id);
                 h.raw.clone_from(raw);
+                h.pose = pose;
                 h.rounds.push(round);
                 h.samples += samples;
                 h.extents.extend(whole.get(&id).copied());
@@ -238,6 +354,10 @@ impl RoomTruth<'_> {
                     }
                 }
             }
+            if self.reading == Reading::LastScan {
+                all.retain(|id, _| annotation.labels.contains_key(id));
+            }
+            after(round, &all, &gone);
         }
         for h in all.values_mut() {
             h.changed |= !h.moved && extents_differ(&h.extents);
@@ -266,7 +386,8 @@ impl RoomTruth<'_> {
     /// The relations of the latest scan in which both ends are annotated.
     fn relations(&self, history: &BTreeMap<u32, History>) -> Result<Pairs, Error> {
         let mut latest: BTreeMap<(u32, u32), (usize, BTreeSet<String>)> = BTreeMap::new();
-        for round in 0..=self.rounds {
+        let last = if self.reading == Reading::ReferenceMinusRemoved { 0 } else { self.rounds };
+        for round in 0..=last {
             if !self.seen.contains_key(self.scan(round)) {
                 continue;
             }

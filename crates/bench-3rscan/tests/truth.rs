@@ -6,7 +6,7 @@ mod common;
 
 use bench_3rscan::layout::{Placement, place};
 use bench_3rscan::scenario::Scenario;
-use bench_3rscan::truth::{SeenScans, Truth, TruthNode, build};
+use bench_3rscan::truth::{Reading, SeenScans, Truth, TruthNode, build, states};
 use bench_3rscan::{Seen, Surface};
 use common::{Tiny, block, rescan, room};
 use graph_align::{Box3, PredicateId, Vocabulary};
@@ -14,6 +14,7 @@ use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use scan3r::{
     Annotation, Dataset as _, Frame, Intrinsics, LabelSet, Relation, RigidList, RigidMove, Transform16,
 };
+use std::collections::BTreeSet;
 
 /// id, raw label, points in the scan's frame, depth samples that fall on it.
 type Thing = (u32, &'static str, Vec<Point3<f32>>, usize);
@@ -88,7 +89,11 @@ impl Room {
     fn with(&self, scenario: Scenario, labels: LabelSet) -> (Truth, Vocabulary) {
         let v =
             Vocabulary::new(labels.classes().iter().copied(), labels.predicates().iter().copied()).unwrap();
-        (build(&self.data, &self.placements, &self.seen, scenario, labels, &v).unwrap(), v)
+        (
+            build(&self.data, &self.placements, &self.seen, scenario, Reading::Accumulated, labels, &v)
+                .unwrap(),
+            v,
+        )
     }
 
     /// The box of points of the reference frame, in the domain.
@@ -228,6 +233,48 @@ fn dynamic_truth_is_each_object_as_last_annotated() {
     );
 }
 
+/// The other readings, on the same scans: the last scan's instances; the reference's, less what was removed, where
+/// they stood.
+#[test]
+fn other_readings_of_the_truth() {
+    let (room, _, _) = two_scans();
+    let labels = LabelSet::L20;
+    let v = Vocabulary::new(labels.classes().iter().copied(), labels.predicates().iter().copied()).unwrap();
+    let with = |r| build(&room.data, &room.placements, &room.seen, Scenario::Ldcp, r, labels, &v).unwrap();
+    let ids = |t: &Truth| t.nodes.iter().filter(|n| !n.ignore).map(|n| n.id as u32).collect::<BTreeSet<_>>();
+    let (all, last, reference) =
+        (with(Reading::Accumulated), with(Reading::LastScan), with(Reading::ReferenceMinusRemoved));
+    assert_eq!(ids(&all), BTreeSet::from([FLOOR, TABLE, CHAIR, BED, DESK]));
+    assert_eq!(ids(&last), BTreeSet::from([FLOOR, TABLE, CHAIR, DESK]));
+    assert_eq!(ids(&reference), BTreeSet::from([FLOOR, TABLE, CHAIR, BED]));
+    let scp = room.truth(Scenario::Scp);
+    for n in reference.nodes.iter().filter(|n| !n.ignore) {
+        assert!(close(&n.bounds, &node(&scp, n.id).unwrap().bounds), "where it stood in the reference");
+    }
+}
+
+/// The room round by round: who is there, and how each object has moved since the reference.
+#[test]
+fn states_follow_the_rounds() {
+    let (room, motion, _) = two_scans();
+    let labels = LabelSet::L20;
+    let v = Vocabulary::new(labels.classes().iter().copied(), labels.predicates().iter().copied()).unwrap();
+    let states = states(&room.data, &room.placements, &room.seen, labels, &v).unwrap();
+    let ids = |k: usize| states[0][k].objects.keys().map(|id| *id as u32).collect::<BTreeSet<_>>();
+    assert_eq!((states.len(), states[0].len()), (1, 2));
+    assert_eq!(ids(0), BTreeSet::from([FLOOR, TABLE, CHAIR, SOFA, BED]));
+    assert_eq!(ids(1), BTreeSet::from([FLOOR, TABLE, CHAIR, BED, DESK]));
+    let t = room.placements[0].domain_from_reference;
+    let (was, before) = states[0][0].objects[&u64::from(CHAIR)];
+    let (is, after) = states[0][1].objects[&u64::from(CHAIR)];
+    assert!(before.translation.vector.norm() < 1e-5 && before.rotation.angle() < 1e-5);
+    assert!((after * was - is).norm() < 0.02, "the chair's middle goes where its motion carries it");
+    assert!((after.rotation.angle() - motion.rotation.angle()).abs() < 1e-4);
+    assert!(((t.inverse() * is) - (t.inverse() * was) - Vector3::y()).norm() < 0.02);
+    let (_, table) = states[0][1].objects[&u64::from(TABLE)];
+    assert!(table.translation.vector.norm() < 1e-4 && table.rotation.angle() < 1e-4);
+}
+
 #[test]
 fn l20_counts_one_predicate_per_ordered_pair_the_first_of_the_list() {
     let (room, ..) = two_scans();
@@ -330,7 +377,16 @@ fn a_rescan_without_transform_is_refused_by_name() {
     let entry = scan3r::ScanEntry { transform: None, ..rescan("hidden-7") };
     let room = Room::new(scan(vec![floor()], &[]), vec![(entry, scan(vec![floor()], &[]))]);
     let v = Vocabulary::default();
-    let e = build(&room.data, &room.placements, &room.seen, Scenario::Ldcp, LabelSet::L20, &v).unwrap_err();
+    let e = build(
+        &room.data,
+        &room.placements,
+        &room.seen,
+        Scenario::Ldcp,
+        Reading::Accumulated,
+        LabelSet::L20,
+        &v,
+    )
+    .unwrap_err();
     assert!(e.to_string().contains("hidden-7"), "{e}");
     assert_eq!(room.data.rooms().len(), 1);
 }

@@ -8,7 +8,7 @@ use crate::surface::Seen;
 use crate::systems::AgentFrames;
 use crate::{Error, Surface};
 use agent::{GraphParams, NodeSet, Objects, Robot, RobotParams, Scores, build_graph};
-use graph_align::{NodeId, SceneGraph, Vocabulary};
+use graph_align::{Edge, Node, NodeId, SceneGraph, Vocabulary};
 use nalgebra::Isometry3;
 use scan3r::{Dataset, LabelSet};
 use sgfn_infer::{EdgeScores, Graph, Model};
@@ -43,6 +43,8 @@ pub struct LocalParams<'a> {
     pub vocabulary: &'a Vocabulary,
     /// Which graphs are wanted; the network's is always made.
     pub variants: Vec<Variant>,
+    /// Seconds between two revisions of a visit; none: it is published once, at its end.
+    pub publish_s: Option<f64>,
     /// Clocks.
     pub clocks: Clocks,
 }
@@ -56,6 +58,18 @@ pub struct Clocks {
     pub wall: fn() -> f64,
 }
 
+/// A visit as it is published: once or more often, the last time whole.
+#[derive(Clone, Debug)]
+pub struct Revision {
+    /// Seconds since the visit's start.
+    pub at_s: f64,
+    /// The graphs that agents exchange. Where there are several revisions, a node is named after its largest
+    /// segment, so that it keeps its name from one to the next.
+    pub graphs: BTreeMap<Variant, SceneGraph>,
+    /// Where the visit had looked.
+    pub looked: graph_align::Looked,
+}
+
 /// What a visit gave. Node ids start at 0, times at the visit's start.
 #[derive(Clone, Debug)]
 pub struct Local {
@@ -67,6 +81,10 @@ pub struct Local {
     pub instances: BTreeMap<NodeId, u32>,
     /// What its depth samples fell on.
     pub seen: Seen,
+    /// As it is published; empty where that is at its end alone.
+    pub revisions: Vec<Revision>,
+    /// CPU seconds that revisions took, beside `cpu_s`.
+    pub revisions_cpu_s: f64,
     /// CPU seconds of segmentation, inference and graph.
     pub cpu_s: f64,
     /// CPU seconds of rendering or decoding.
@@ -97,7 +115,9 @@ pub fn run_visit(
     let mut seen = Seen::new(surface);
     let (mut cpu_s, mut world_s, mut count) = (0.0, 0.0, 0);
     let mut stream = data.frames(&visit.scan, visit.pass)?;
-    let mut position = 0;
+    let (mut position, mut inferred) = (0, false);
+    let (mut revisions, mut revisions_cpu_s) = (Vec::new(), 0.0);
+    let mut due = Due { every_s: p.publish_s, next_s: p.publish_s.unwrap_or(f64::MAX) };
     loop {
         let start = (p.clocks.cpu)();
         let Some(frame) = stream.next() else { break };
@@ -119,9 +139,17 @@ pub fn run_visit(
         robot.segment(&frame);
         if robot.inference_is_due() {
             robot.infer().map_err(pipeline)?;
+            inferred = true;
         }
-        cpu_s += (p.clocks.cpu)() - ready;
+        let segmented = (p.clocks.cpu)();
+        cpu_s += segmented - ready;
         count += 1;
+        let at_s = f64::from(count) / scan3r::sequence::FRAMES_PER_SECOND;
+        // Before the first inference there is nothing to say; the end is published anyway.
+        if due.is_now(at_s) && inferred && count < visit.len() {
+            revisions.push(revision(&robot, at_s, p)?);
+            revisions_cpu_s += (p.clocks.cpu)() - segmented;
+        }
     }
     seen.finish(surface);
     let start = (p.clocks.cpu)();
@@ -149,9 +177,76 @@ pub fn run_visit(
         graphs.insert(v, graph.quantised());
     }
     let looked = robot.looked().map_err(pipeline)?.quantised();
+    if p.publish_s.is_some() {
+        let at_s = f64::from(count) / scan3r::sequence::FRAMES_PER_SECOND;
+        revisions.push(revision(&robot, at_s, p)?);
+    }
     let instances = instances_of(&network, &set, &node_of, &taught.instances);
     let wall_s = (p.clocks.wall)() - wall;
-    Ok(Local { graphs, looked, instances, seen, cpu_s, world_s, wall_s, frames: count })
+    Ok(Local {
+        graphs,
+        looked,
+        instances,
+        seen,
+        revisions,
+        revisions_cpu_s,
+        cpu_s,
+        world_s,
+        wall_s,
+        frames: count,
+    })
+}
+
+/// When to publish next.
+struct Due {
+    every_s: Option<f64>,
+    next_s: f64,
+}
+
+impl Due {
+    fn is_now(&mut self, at_s: f64) -> bool {
+        let now = at_s + 1e-6 >= self.next_s;
+        while let Some(every) = self.every_s.filter(|_| at_s + 1e-6 >= self.next_s) {
+            self.next_s += every;
+        }
+        now
+    }
+}
+
+/// The visit so far. Nothing is inferred for it, so that the visit ends as it would without.
+fn revision(robot: &Robot<'_>, at_s: f64, p: &LocalParams<'_>) -> Result<Revision, Error> {
+    let pipeline = |e: agent::Error| Error::Pipeline(e.to_string());
+    let set = robot.nodes().map_err(pipeline)?;
+    let objects = robot.objects(&set).map_err(pipeline)?;
+    let mut graphs = BTreeMap::new();
+    for (variant, unnamed) in [(Variant::Network, false), (Variant::Full, true)] {
+        if variant == Variant::Network || p.variants.contains(&variant) {
+            let (graph, node_of) = graph_of(&objects, p, unnamed)?;
+            graphs.insert(variant, named_by_segments(&graph, &set, &node_of).quantised());
+        }
+    }
+    let looked = robot.looked().map_err(pipeline)?.quantised();
+    Ok(Revision { at_s, graphs, looked })
+}
+
+/// Each node under the number of its largest segment, the smallest of equals.
+fn named_by_segments(graph: &SceneGraph, set: &NodeSet, node_of: &[Option<NodeId>]) -> SceneGraph {
+    let mut largest: BTreeMap<NodeId, (u32, u32)> = BTreeMap::new();
+    for (n, id) in set.nodes.iter().zip(node_of) {
+        let Some(id) = id else { continue };
+        let l = largest.entry(*id).or_insert((0, u32::MAX));
+        if n.surfels > l.0 || n.surfels == l.0 && n.id.0 < l.1 {
+            *l = (n.surfels, n.id.0);
+        }
+    }
+    let name = |id: NodeId| largest.get(&id).map_or(id, |l| NodeId(u64::from(l.1)));
+    let mut out = SceneGraph::default();
+    graph.nodes().for_each(|n| out.insert_node(Node { id: name(n.id), ..n.clone() }));
+    for e in graph.edges() {
+        // Segments are parts of one object each, so names differ and both ends are there.
+        let _ = out.insert_edge(Edge { s: name(e.s), t: name(e.t), ..e });
+    }
+    out
 }
 
 /// Objects by scores other than the robot's own.

@@ -8,11 +8,12 @@ mod rules;
 mod single;
 
 pub use frames::AgentFrames;
-pub use local::{Clocks, Local, LocalParams, Variant, run_visit};
+pub use local::{Clocks, Local, LocalParams, Revision, Variant, run_visit};
 pub use multi::{MultiParams, multi_agent};
 pub use rules::{majority_scores, rule_scores};
 pub use single::single_agent;
 
+use crate::changes::Changes;
 use graph_align::SceneGraph;
 
 /// A system's name and kind.
@@ -142,6 +143,10 @@ pub struct Exchange {
     pub replicas_equal: bool,
     /// Links between agents (found, true, wrong) where frames are unknown.
     pub links: Option<[usize; 3]>,
+    /// Revisions that travelled as what changed, and those of them that met no base.
+    pub deltas: fleet::Deltas,
+    /// What the folds made of changes, where there were any.
+    pub changes: Option<Changes>,
     /// Frames as sent.
     pub wire: Vec<Vec<u8>>,
 }

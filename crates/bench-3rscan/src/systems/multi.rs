@@ -2,13 +2,16 @@
 
 use super::{AgentFrames, Clocks, Exchange, Local, Made, System, Variant, oracle};
 use crate::Error;
+use crate::changes::{Changes, Step};
 use crate::scenario::{FramesMode, Plan, Visit};
+use crate::truth::State;
 use fleet::{LinkParams, Network};
 use graph_align::{
     Algorithm, Edge, Folded, Key, Node, NodeId, Observation, Params, RobustParams, SceneGraph, Vocabulary,
 };
 use nalgebra::{Isometry3, Point3};
 use scan3r::RoomEntry;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// What multi-agent systems share.
 pub struct MultiParams<'a> {
@@ -28,6 +31,8 @@ pub struct MultiParams<'a> {
     pub rooms: &'a [RoomEntry],
     /// Middles of the rooms in the domain frame.
     pub middles: &'a [Point3<f32>],
+    /// Each room during each of its rounds; empty where nothing changes.
+    pub states: &'a [Vec<State>],
     /// Root seed.
     pub seed: u64,
     /// Clocks.
@@ -60,7 +65,7 @@ pub fn multi_agent(
     let mut work = vec![0.0; plan.agents];
     let mut frames = vec![0_u64; plan.agents];
     for (v, local) in plan.visits.iter().zip(locals) {
-        work[v.agent] += local.cpu_s;
+        work[v.agent] += local.cpu_s + local.revisions_cpu_s;
         frames[v.agent] += u64::from(local.frames);
         made.world_s += local.world_s;
         made.total_wall_s += local.wall_s;
@@ -85,11 +90,14 @@ pub fn multi_agent(
             },
         )
     } else {
-        fold_all(plan, &net, &params, p)
+        let (graph, mut exchange) = fold_all(plan, &net, &params, p);
+        exchange.changes = changes(plan, locals, &net, &params, p);
+        (graph, exchange)
     };
     let folding = exchange.align_s + exchange.refold_s;
     exchange.bytes = (0..plan.agents).map(|a| net.traffic(a).sent).collect();
     exchange.copies = (0..plan.agents).map(|a| net.traffic(a).copies).collect();
+    exchange.deltas = net.deltas();
     exchange.wire = net.frames().to_vec();
     made.graph = graph;
     made.total_cpu_s = work.iter().fold(0.0_f64, |m, w| m.max(*w)) + folding;
@@ -98,8 +106,8 @@ pub fn multi_agent(
     Ok(made)
 }
 
-/// Publishes every visit's graph at its end; agents sync at the end of their visits, and once more
-/// when all is over. Beside it the CPU seconds of each agent's codec.
+/// Publishes every visit's graph at its end, or in revisions until then; agents sync at the end of their
+/// visits, and once more when all is over. Beside it the CPU seconds of each agent's codec.
 fn exchange(
     plan: &Plan,
     locals: &[&Local],
@@ -108,16 +116,37 @@ fn exchange(
 ) -> Result<(Network, Vec<f64>), Error> {
     let seed = rand_chacha::rand_core::Rng::next_u64(&mut crate::seeds::stream(p.seed, "network", &[]));
     let mut net = Network::new(plan.agents, p.vocabulary.clone(), p.link, seed);
-    let mut by_end: Vec<usize> = (0..plan.visits.len()).collect();
-    by_end.sort_by(|&a, &b| plan.visits[a].end().total_cmp(&plan.visits[b].end()).then(a.cmp(&b)));
+    // (time, visit, revision; none where the visit is published once).
+    let mut said: Vec<(f64, usize, Option<usize>)> = Vec::new();
+    for (k, (v, local)) in plan.visits.iter().zip(locals).enumerate() {
+        let n = local.revisions.len();
+        let early = local.revisions.iter().take(n.saturating_sub(1)).enumerate();
+        said.extend(early.map(|(r, revision)| (v.start + revision.at_s, k, Some(r))));
+        said.push((v.end(), k, n.checked_sub(1)));
+    }
+    said.sort_by(|a, b| a.0.total_cmp(&b.0).then((a.1, a.2).cmp(&(b.1, b.2))));
     let mut codec_s = vec![0.0; plan.agents];
-    let mut last = 0;
-    for k in by_end {
-        let v = &plan.visits[k];
-        let now = ds(v.end());
+    let (mut last, mut seq) = (0, vec![0; plan.agents]);
+    let mut before: BTreeMap<usize, SceneGraph> = BTreeMap::new();
+    for (at, k, r) in said {
+        let (v, local) = (&plan.visits[k], locals[k]);
+        let is_end = r.is_none_or(|r| r + 1 == local.revisions.len());
+        let end = if is_end { v.end() } else { at };
+        let now = ds(end);
         let start = (p.clocks.cpu)();
-        net.publish(now, observation(v, locals[k], variant, &p.frames))?;
-        net.sync(now, v.agent)?;
+        let (graph, looked) = match r.map(|r| &local.revisions[r]) {
+            None => (&local.graphs[&variant], &local.looked),
+            Some(r) => (&r.graphs[&variant], &r.looked),
+        };
+        let key = Key { start_ds: ds(v.start), agent: v.agent as u16, epoch: 0, seq: seq[v.agent] };
+        let graph = in_fleet(v, graph, end, before.get(&k));
+        before.insert(k, graph.clone());
+        let frame = p.frames.number(v);
+        net.publish(now, Observation { key, end_ds: now, frame, graph, looked: Some(looked.clone()) })?;
+        seq[v.agent] += 1;
+        if is_end {
+            net.sync(now, v.agent)?;
+        }
         codec_s[v.agent] += (p.clocks.cpu)() - start;
         last = last.max(now);
     }
@@ -129,27 +158,28 @@ fn ds(seconds: f64) -> u32 {
     (seconds * 10.0).round() as u32
 }
 
-/// The observation of a visit. Node ids hold agent, visit and node, so they are unique in the fleet.
-fn observation(v: &Visit, local: &Local, variant: Variant, frames: &AgentFrames) -> Observation {
+/// The graph of a visit as it is published. Node ids hold agent, visit and node, so they are unique in the fleet.
+/// What is as in the revision before was not seen since.
+fn in_fleet(v: &Visit, local: &SceneGraph, end: f64, before: Option<&SceneGraph>) -> SceneGraph {
     let base = (v.agent as u64) << 48 | u64::from(v.seq) << 24;
     let id = |n: NodeId| NodeId(base + n.0);
-    let local_graph = &local.graphs[&variant];
     let mut graph = SceneGraph::default();
-    for n in local_graph.nodes() {
-        graph.insert_node(Node { id: id(n.id), last_seen: v.end(), ..n.clone() });
+    for n in local.nodes() {
+        graph.insert_node(Node { id: id(n.id), last_seen: end, ..n.clone() });
     }
-    for e in local_graph.edges() {
+    for e in local.edges() {
         // Both ends were just inserted.
         let _ = graph.insert_edge(Edge { s: id(e.s), t: id(e.t), ..e });
     }
-    let key = Key { start_ds: ds(v.start), agent: v.agent as u16, epoch: 0, seq: v.seq };
-    Observation {
-        key,
-        end_ds: ds(v.end()),
-        frame: frames.number(v),
-        graph: graph.quantised(),
-        looked: Some(local.looked.clone()),
-    }
+    let graph = graph.quantised();
+    let same = |n: &&Node| {
+        let old = before.and_then(|b| b.node(n.id));
+        old.filter(|o| **o == Node { last_seen: o.last_seen, ..(*n).clone() }).cloned()
+    };
+    let kept: Vec<Node> = graph.nodes().filter_map(|n| same(&n)).collect();
+    let mut graph = graph;
+    kept.into_iter().for_each(|n| graph.insert_node(n));
+    graph
 }
 
 /// Folds every replica; the scored graph is agent 0's, in the domain frame.
@@ -199,6 +229,65 @@ fn refold(plan: &Plan, net: &Network, params: &Params, clock: fn() -> f64) -> f6
     spent
 }
 
+/// What the fold made of every change, visit by visit. `None` where no room is visited in two rounds.
+fn changes(
+    plan: &Plan,
+    locals: &[&Local],
+    net: &Network,
+    params: &Params,
+    p: &MultiParams<'_>,
+) -> Option<Changes> {
+    if p.states.is_empty() || plan.visits.iter().all(|v| v.round == 0) {
+        return None;
+    }
+    let mut out = Changes::default();
+    let mut folded = Folded::default();
+    let mut last: BTreeMap<usize, usize> = BTreeMap::new();
+    for o in net.replica(0).observations() {
+        let of = |v: &Visit| v.agent == usize::from(o.key.agent) && ds(v.start) == o.key.start_ds;
+        let (v, local) = plan.visits.iter().zip(locals).find(|(v, _)| of(v))?;
+        let (before, all_before) = around(plan, &folded, o.frame, p);
+        folded.push(o, params);
+        let round = last.insert(v.room, v.round);
+        let Some(was) = round.and_then(|r| p.states.get(v.room)?.get(r)) else { continue };
+        let Some(is) = p.states.get(v.room).and_then(|s| s.get(v.round)) else { continue };
+        let (after, all_after) = around(plan, &folded, o.frame, p);
+        let frame_from_domain = p.frames.frame_from_domain(v);
+        let own = &local.graphs[&Variant::Network];
+        let visit = graph_align::append(&SceneGraph::default(), own, &frame_from_domain.inverse());
+        out.count(&Step {
+            before: &before,
+            all_before: &all_before,
+            after: &after,
+            all_after: &all_after,
+            visit: &visit,
+            looked: &|at| local.looked.contains(&(frame_from_domain * at)),
+            was,
+            is,
+        });
+    }
+    Some(out)
+}
+
+/// The named nodes of the component that holds a frame, in the domain frame, and all its nodes.
+fn around(plan: &Plan, folded: &Folded, frame: u32, p: &MultiParams<'_>) -> (SceneGraph, BTreeSet<NodeId>) {
+    let Some(c) = folded.components.iter().find(|c| c.frames.contains_key(&frame)) else {
+        return Default::default();
+    };
+    let t = domain_from(plan, c.root, p);
+    let graph = graph_align::append(&SceneGraph::default(), &c.graph, &t);
+    let all = graph.nodes().map(|n| n.id).collect();
+    (graph.named(p.vocabulary.find_label(agent::NONE), p.min_class), all)
+}
+
+/// The true transform of a frame; the identity where frames are known.
+fn domain_from(plan: &Plan, frame: u32, p: &MultiParams<'_>) -> Isometry3<f32> {
+    let visit = plan.visits.iter().find(|v| p.frames.number(v) == frame);
+    visit
+        .filter(|_| matches!(p.mode, FramesMode::Unknown | FramesMode::UnknownVisit))
+        .map_or_else(Isometry3::identity, |v| p.frames.frame_from_domain(v).inverse())
+}
+
 /// The largest component, carried into the domain frame by the true transform of its oldest frame;
 /// other components stay where they are and count as false.
 fn in_domain(plan: &Plan, folded: &Folded, p: &MultiParams<'_>) -> SceneGraph {
@@ -209,10 +298,7 @@ fn in_domain(plan: &Plan, folded: &Folded, p: &MultiParams<'_>) -> SceneGraph {
     else {
         return SceneGraph::default();
     };
-    let visit_of = |frame: u32| plan.visits.iter().find(|v| p.frames.number(v) == frame);
-    let t = visit_of(main.root)
-        .filter(|_| matches!(p.mode, FramesMode::Unknown | FramesMode::UnknownVisit))
-        .map_or_else(Isometry3::identity, |v| p.frames.frame_from_domain(v).inverse());
+    let t = domain_from(plan, main.root, p);
     let mut graph = graph_align::append(&SceneGraph::default(), &main.graph, &t);
     for c in folded.components.iter().filter(|c| !std::ptr::eq(*c, main)) {
         // Far below the domain: no true node is near.

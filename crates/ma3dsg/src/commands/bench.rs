@@ -12,6 +12,7 @@ use bench_3rscan::report::{Provenance, SCHEMA, summary};
 use bench_3rscan::run::{Cache, RunParams, run_cell};
 use bench_3rscan::scenario::{FramesMode, Replay, Scenario};
 use bench_3rscan::systems::{Clocks, LocalParams, System, Variant};
+use bench_3rscan::truth::Reading;
 use fleet::LinkParams;
 use graph_align::{PaperParams, Params};
 use room_synth::{Split, World, WorldParams};
@@ -46,11 +47,12 @@ pub(crate) struct Args {
     /// Label set.
     #[arg(long, default_value = "l20")]
     labels: String,
-    /// How truth accumulates. Only `accumulated` exists so far.
-    #[arg(long, default_value = "accumulated", value_parser = ["accumulated"])]
+    /// How truth accumulates over the scans of a room.
+    #[arg(long, default_value = "accumulated", value_parser = ["accumulated", "last-scan", "reference-minus-removed"])]
     truth: String,
-    /// When graphs are published. Only `visit` exists so far.
-    #[arg(long, default_value = "visit", value_parser = ["visit"])]
+    /// When graphs are published: at the end of a visit (`visit`), or every so many seconds of it as what
+    /// changed, and at its end.
+    #[arg(long, value_name = "visit|SECONDS", default_value = "visit")]
     publish: String,
     /// What recorded data gives to two visitors of a scan.
     #[arg(long, default_value = "halves", value_parser = ["halves", "same"])]
@@ -242,6 +244,18 @@ impl Args {
         robot
     }
 
+    /// Seconds between revisions, at least that of a frame.
+    fn publish_s(&self) -> Result<Option<f64>> {
+        if self.publish == "visit" {
+            return Ok(None);
+        }
+        let seconds = self.publish.parse::<f64>().ok().filter(|s| (0.2..=86_400.0).contains(s));
+        match seconds {
+            Some(s) => Ok(Some(s)),
+            None => bail!("--publish {:?}, want visit or 0.2 to 86,400 seconds", self.publish),
+        }
+    }
+
     /// Everything that decides about numbers, for the report and for `--resume`.
     fn params(&self, weights: &Weights) -> Value {
         json!({
@@ -281,6 +295,9 @@ impl Args {
         if !(0.0..=1.0).contains(&self.loss) || !(0.0..=86_400.0).contains(&self.delay) {
             bail!("--loss {} --delay {}, want 0 to 1 and 0 to 86,400 s", self.loss, self.delay);
         }
+        let Some(reading) = Reading::parse(&self.truth) else {
+            bail!("--truth {:?}, want one of {}", self.truth, Reading::ALL.map(Reading::name).join(", "));
+        };
         let vocabulary = pipeline::vocabulary(labels)?;
         let systems = self.systems()?;
         let mut variants: Vec<Variant> = systems.iter().map(|s| s.variant()).collect();
@@ -295,7 +312,9 @@ impl Args {
             gap: self.gap,
             link: LinkParams { loss: self.loss, delay_ds: (self.delay * 10.0).round() as u32 },
             align: self.align()?,
+            reading,
             local: LocalParams {
+                publish_s: self.publish_s()?,
                 robot: self.robot(),
                 model: &weights.model,
                 labels,
