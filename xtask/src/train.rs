@@ -71,7 +71,7 @@ pub(crate) fn run(args: &[String]) -> Result<ExitCode> {
     let start = if from.is_empty() { vec![] } else { vec!["--from", from.as_str(), "--lr", "3e-4"] };
     must(
         "training",
-        &mut cargo(&[
+        cargo(&[
             "run",
             "--release",
             "--quiet",
