@@ -1,5 +1,6 @@
 //! Development commands of this workspace. Thin: it links none of our crates and spawns cargo.
 
+mod api;
 mod arrows;
 mod consumer;
 mod planted;
@@ -18,6 +19,7 @@ const HELP: &str = "cargo xtask COMMAND
                 mutated inputs, checked results; prints executions and behaviours
   consumer      package graph-align and run a program whose only dependency it is
   planted       plant bugs in graph-align, one at a time, and see its tests catch them
+  api [--write] compare the public API of graph-align with crates/graph-align/api.txt, or write it there
   arrows        check which crates may know which
 ";
 
@@ -32,6 +34,7 @@ fn main() -> ExitCode {
         "fuzz" => fuzz(&rest),
         "consumer" => consumer::run(),
         "planted" => planted::run(),
+        "api" => api::run(rest.iter().any(|a| a == "--write")).map(|()| ExitCode::SUCCESS),
         "arrows" => arrows::check().map(|()| ExitCode::SUCCESS),
         _ => {
             eprint!("{HELP}");

@@ -1,6 +1,6 @@
 //! Everything that CI checks, in the order in which it is cheap to fail.
 
-use crate::{arrows, cargo, must};
+use crate::{api, arrows, cargo, must};
 use anyhow::Result;
 use std::process::ExitCode;
 
@@ -11,6 +11,7 @@ pub(crate) fn run() -> Result<ExitCode> {
         &mut cargo(&["clippy", "--quiet", "--workspace", "--all-targets", "--", "-D", "warnings"]),
     )?;
     arrows::check()?;
+    api::run(false)?;
     let nextest = cargo(&["nextest", "--version"]).output().is_ok_and(|o| o.status.success());
     if nextest {
         must("tests (nextest)", &mut cargo(&["nextest", "run", "--workspace", "--no-fail-fast"]))?;
