@@ -46,11 +46,15 @@ pub(crate) struct Gate<'a> {
     pub(crate) step: Step<'a>,
     /// Part of the measured depth in what is fused; the rest is the smoothed one.
     raw: f32,
+    /// How far behind and before the surface a parallel sheet counts as its double, in tolerances. Errors in patterns
+    /// that stay leave such sheets on both sides; where errors are independent, what lies behind is hidden.
+    sheet: (f32, f32),
 }
 
 impl<'a> Gate<'a> {
     pub(crate) fn new(lens: Lens<'a>, step: Step<'a>) -> Self {
-        Self { lens, step, raw: if step.frame.noise.independent { RAW } else { 0.0 } }
+        let (raw, sheet) = if step.frame.noise.independent { (RAW, (-1.0, 2.0)) } else { (0.0, (-3.0, 3.0)) };
+        Self { lens, step, raw, sheet }
     }
 
     /// Compares the surfels with the samples under them, and averages position along the normal, normal, radius and
@@ -80,7 +84,7 @@ impl<'a> Gate<'a> {
     #[inline(always)]
     fn lanes(&self, hot: &mut HotBlock, seen: &Seen, under: &Under) -> Marks {
         // Copies on the stack, which the compiler knows to be apart.
-        let Gate { raw, step: Step { params, samples, pose, .. }, .. } = *self;
+        let Gate { raw, sheet, step: Step { params, samples, pose, .. }, .. } = *self;
         let (parallel_cos, least_cos, spacing) =
             (params.gate_normal_cos, params.min_incidence_cos, samples.spacing);
         let turn = *pose;
@@ -101,8 +105,8 @@ impl<'a> Gate<'a> {
             let ahead = off[0] * n[0] + off[1] * n[1] + off[2] * n[2];
             let parallel = own[0][k] * n[0] + own[1][k] * n[1] + own[2][k] * n[2] >= parallel_cos;
             let hit = open & parallel & (ahead.abs() <= tolerance);
-            // A sheet a little behind, or a wrongly turned disc within: not what the camera would see there.
-            let (behind, before) = if parallel { (-1.0, 2.0) } else { (-0.5, 0.5) };
+            // A sheet beside the surface, or a wrongly turned disc within: not what the camera would see there.
+            let (behind, before) = if parallel { sheet } else { (-0.5, 0.5) };
             let about = (ahead >= behind * tolerance) & (ahead <= before * tolerance);
             distance[k] = off[0] * off[0] + off[1] * off[1] + off[2] * off[2];
 
