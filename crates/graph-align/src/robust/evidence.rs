@@ -118,16 +118,18 @@ impl<'a> Scene<'a> {
     }
 
     /// The largest evidence that each object of the query can have among some of the reference, wherever it
-    /// lies: classes as they are, place and size without error, the least noise that pairs can show.
+    /// lies: classes and sizes as they are, places without error, the least noise that pairs can show.
     pub(super) fn most(&self, place: &[(u32, Item)]) -> Vec<f32> {
         let (prior, weight) = SIGMA;
         let freedom = (self.query.len() as f32 - 2.0).max(0.0) + weight;
         let sigma = (weight * prior * prior / freedom).sqrt().max(0.05);
         let most = |q: &Item| {
-            let label = place.iter().map(|(_, r)| self.label_ratio(q, r)).fold(1e-3, f32::max);
             // Against itself all but the class is as good as it can be.
             let rest = self.evidence(q, q, &q.p, sigma) - self.label_ratio(q, q).ln();
-            (label.ln() + rest).max(0.0)
+            place.iter().fold(0.0_f32, |best, (_, r)| {
+                let hope = self.label_ratio(q, r).ln() + rest;
+                if hope > best { best.max(self.evidence(q, r, &r.p, sigma)) } else { best }
+            })
         };
         self.query.iter().map(most).collect()
     }

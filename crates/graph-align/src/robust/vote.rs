@@ -18,6 +18,8 @@ const PRIOR_PEAKS: usize = 4;
 const BEST_BINS: usize = 160;
 /// The same among the few objects of one place.
 const PLACE_BINS: usize = 40;
+/// Objects of the query that vote among those of one place, the ones with the fewest counterparts.
+const RAREST: usize = 14;
 /// Pairs nearer than this tell too little about yaw, metres.
 const SHORTEST: f32 = 0.4;
 /// Largest difference of a pair's distances, horizontal and vertical, metres.
@@ -338,7 +340,11 @@ pub(super) fn poses_among(
     let alike_in_place = |q: &Item| {
         place.iter().filter(|(_, r)| r.label == q.label && alike(q, r)).copied().collect::<Vec<_>>()
     };
-    let candidates: Vec<_> = query.iter().map(alike_in_place).collect();
+    let mut candidates: Vec<_> = query.iter().map(alike_in_place).collect();
+    // A pose that explains most objects explains most of the rare ones.
+    let mut rare: Vec<usize> = (0..query.len()).filter(|&k| !candidates[k].is_empty()).collect();
+    rare.sort_by_key(|&k| (candidates[k].len(), k));
+    rare.iter().skip(RAREST).for_each(|&k| candidates[k].clear());
     let hits = hits_among(&candidates, query, &centre(query), work);
     let sorted = Sorted::of(&hits);
     peaks(&hits, &sorted, PRIOR_PEAKS, PLACE_BINS)
