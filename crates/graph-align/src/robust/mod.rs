@@ -278,7 +278,7 @@ fn search(scene: &Scene<'_>, prior: Option<&Isometry3<f32>>, work: &mut Work) ->
 /// alone: a room in which most of a mirrored one fits by chance is that room itself.
 fn mirror_fits_better(scene: &Scene<'_>, best: &Hypothesis, work: &mut Work) -> bool {
     let explained = EXPLAINED.map(|share| best.pairs.len() as f32 >= share * scene.query.len() as f32);
-    if explained[1] {
+    if explained[1] && scene.upright {
         return false;
     }
     let mut items: Vec<Item> = scene.query.to_vec();
