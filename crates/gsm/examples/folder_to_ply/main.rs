@@ -199,6 +199,9 @@ fn set(p: &mut Params, field: &str, v: f32) -> Result<()> {
         "merge_share" => p.merge_share = v,
         "merge_border" => p.merge_border = v,
         "max_depth" => p.max_depth = v,
+        "max_samples" => p.max_samples = v as u32,
+        "min_spacing" => p.min_spacing = v,
+        "brick" => p.brick = v,
         _ => return Err(format!("no parameter {field}").into()),
     }
     Ok(())
