@@ -10,7 +10,7 @@
 mod recording;
 
 use gsm::{DepthView, Intrinsics, Map, NoiseModel, Params, Profile, estimate_up};
-use nalgebra::{Isometry3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 use recording::{Frame, Recording};
 use std::error::Error;
 use std::fs;
@@ -76,28 +76,50 @@ fn run(options: &Options) -> Result<()> {
         estimate_up(&map).map(|u| (world.rotation.inverse() * u).data.0)
     );
     if options.coverage {
-        let [all, own, near] = coverage(&frames, intrinsics, &map);
+        let Coverage { hit, centre, disc, near } = coverage(&frames, intrinsics, &map);
+        let share = |n: usize| 100.0 * n as f64 / hit.max(1) as f64;
         println!(
-            "{all} voxels of 2 cm hit by two or more valid depths: a surfel in {:.1} %, in it or a neighbour {:.1} %",
-            100.0 * own as f64 / all.max(1) as f64,
-            100.0 * near as f64 / all.max(1) as f64
+            "{hit} voxels of 2 cm hit by two or more valid depths: a surfel's centre in {:.1} %, some of its disc in \
+             {:.1} %, in it or a neighbour in {:.1} %",
+            share(centre),
+            share(disc),
+            share(near)
         );
     }
     write_ply(&options.out, &map, &world.inverse())
 }
 
-/// Voxels of 2 cm that two or more valid depths hit, those that hold a stable surfel, and those that have one within
-/// the 27 around.
-fn coverage(frames: &[Frame], k: Intrinsics, map: &Map) -> [usize; 3] {
+/// Voxels of 2 cm that two or more valid depths hit, and those of them that hold the centre of a stable surfel, a part
+/// of its disc, or such a part there or in the 26 around.
+struct Coverage {
+    hit: usize,
+    centre: usize,
+    disc: usize,
+    near: usize,
+}
+
+/// Points of a disc, 5 mm apart.
+fn disc(s: gsm::Surfel) -> impl Iterator<Item = Point3<f32>> {
+    let (position, radius) = (s.position, s.radius);
+    let a = s.normal.cross(&Vector3::ith(s.normal.iamin(), 1.0)).normalize();
+    let b = s.normal.cross(&a);
+    let steps = (radius / 0.005) as i32;
+    (-steps..=steps)
+        .flat_map(move |i| (-steps..=steps).map(move |j| (i as f32 * 0.005, j as f32 * 0.005)))
+        .filter(move |(u, v)| u * u + v * v <= radius * radius)
+        .map(move |(u, v)| position + a * u + b * v)
+}
+
+fn coverage(frames: &[Frame], k: Intrinsics, map: &Map) -> Coverage {
     let (near, far) = (map.params().min_depth, map.params().max_depth);
-    let key = |p: nalgebra::Point3<f32>| [p.x, p.y, p.z].map(|v| (v / 0.02).floor() as i16);
+    let key = |p: Point3<f32>| [p.x, p.y, p.z].map(|v| (v / 0.02).floor() as i16);
     let mut hit: Vec<[i16; 3]> = Vec::new();
     let mut all: Vec<[i16; 3]> = Vec::new();
     for Frame { depth, world_from_camera: pose, .. } in frames {
         for (i, &z) in depth.iter().enumerate().filter(|(_, z)| **z >= near && **z <= far) {
             let (x, y) = ((i % k.width() as usize) as f32, (i / k.width() as usize) as f32);
             hit.push(key(
-                pose * nalgebra::Point3::new((x - k.cx()) / k.fx() * z, (y - k.cy()) / k.fy() * z, z)
+                pose * Point3::new((x - k.cx()) / k.fx() * z, (y - k.cy()) / k.fy() * z, z)
             ));
         }
         hit.sort_unstable();
@@ -110,13 +132,23 @@ fn coverage(frames: &[Frame], k: Intrinsics, map: &Map) -> [usize; 3] {
     }
     all.sort_unstable();
     all.dedup();
-    let mut held: Vec<[i16; 3]> = map.surfels().filter(|s| s.stable).map(|s| key(s.position)).collect();
-    held.sort_unstable();
-    let holds = |k: [i16; 3]| held.binary_search(&k).is_ok();
-    let own = all.iter().filter(|k| holds(**k)).count();
-    let about =
-        |k: &[i16; 3]| (0..27).any(|i| holds([k[0] + i / 9 - 1, k[1] + i / 3 % 3 - 1, k[2] + i % 3 - 1]));
-    [all.len(), own, all.iter().filter(|k| about(k)).count()]
+    let voxels = |points: &mut dyn Iterator<Item = Point3<f32>>| {
+        let mut held: Vec<[i16; 3]> = points.map(key).collect();
+        held.sort_unstable();
+        held.dedup();
+        held
+    };
+    let centres = voxels(&mut map.surfels().filter(|s| s.stable).map(|s| s.position));
+    let discs = voxels(&mut map.surfels().filter(|s| s.stable).flat_map(disc));
+    let holds = |held: &[[i16; 3]], k: [i16; 3]| held.binary_search(&k).is_ok();
+    let about = |k: [i16; 3]| (0..27).map(move |i| [k[0] + i / 9 - 1, k[1] + i / 3 % 3 - 1, k[2] + i % 3 - 1]);
+    let count = |test: &dyn Fn([i16; 3]) -> bool| all.iter().filter(|k| test(**k)).count();
+    Coverage {
+        hit: all.len(),
+        centre: count(&|k| holds(&centres, k)),
+        disc: count(&|k| holds(&discs, k)),
+        near: count(&|k| about(k).any(|k| holds(&discs, k))),
+    }
 }
 
 struct Options {
