@@ -31,6 +31,8 @@ pub enum System {
     Append,
     /// True association and removal.
     Oracle,
+    /// The same, but what one visit shows in several pieces stays in pieces.
+    OracleVisits,
     /// One agent, plane and height rules instead of a network.
     Rules,
     /// One agent, always the commonest answer.
@@ -43,13 +45,14 @@ pub enum System {
 
 impl System {
     /// All of them, in the order of tables.
-    pub const ALL: [Self; 10] = [
+    pub const ALL: [Self; 11] = [
         Self::Sgfn,
         Self::SgfnKeep,
         Self::Ma3dsg,
         Self::Paper,
         Self::Append,
         Self::Oracle,
+        Self::OracleVisits,
         Self::Rules,
         Self::Majority,
         Self::OracleLabels,
@@ -66,6 +69,7 @@ impl System {
             Self::Paper => "ma3dsg-paper",
             Self::Append => "ma3dsg-append",
             Self::Oracle => "ma3dsg-oracle",
+            Self::OracleVisits => "ma3dsg-oracle-visits",
             Self::Rules => "rules",
             Self::Majority => "majority",
             Self::OracleLabels => "ceiling-oracle-labels",
@@ -82,13 +86,19 @@ impl System {
     /// True where several agents exchange graphs.
     #[must_use]
     pub fn is_multi_agent(self) -> bool {
-        matches!(self, Self::Ma3dsg | Self::Paper | Self::Append | Self::Oracle)
+        self.is_oracle() || matches!(self, Self::Ma3dsg | Self::Paper | Self::Append)
+    }
+
+    /// True where the merge knows the true instances.
+    #[must_use]
+    pub fn is_oracle(self) -> bool {
+        matches!(self, Self::Oracle | Self::OracleVisits)
     }
 
     /// True where agents have to find out how their frames lie to one another.
     #[must_use]
     pub fn needs_frames(self) -> bool {
-        self.is_multi_agent() && self != Self::Oracle
+        self.is_multi_agent() && !self.is_oracle()
     }
 
     /// Which local graphs it is made of.

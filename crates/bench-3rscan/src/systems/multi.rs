@@ -76,9 +76,9 @@ pub fn multi_agent(
     let wall = (p.clocks.wall)();
     let (net, codec_s) = exchange(plan, locals, system.variant(), p)?;
     work.iter_mut().zip(&codec_s).for_each(|(w, c)| *w += c);
-    let (graph, mut exchange) = if system == System::Oracle {
+    let (graph, mut exchange) = if system.is_oracle() {
         let start = (p.clocks.cpu)();
-        let graph = oracle::merge(plan, locals, p.rooms);
+        let graph = oracle::merge(plan, locals, p.rooms, system == System::Oracle);
         let align_s = (p.clocks.cpu)() - start;
         (
             graph,

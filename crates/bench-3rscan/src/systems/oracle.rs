@@ -16,7 +16,7 @@ struct Object {
     last_seen: f64,
 }
 
-/// (room, instance, index of the visit for nodes without an instance, else 0, node).
+/// (room, instance, index of the visit for nodes without an instance and for further pieces of one, else 0, node).
 type Name = (usize, u32, usize, u64);
 
 /// Directed edges by their ends: the round that they are from, and the summed score per predicate.
@@ -24,8 +24,10 @@ type Edges = BTreeMap<(Name, Name), (usize, BTreeMap<PredicateId, f32>)>;
 
 /// Merges the network's local graphs by true instance: boxes of one round are united, a later
 /// round's replace them; classes add up; an object that a rescan lists as removed goes. Nodes that
-/// show no instance are kept until their room is visited again.
-pub(super) fn merge(plan: &Plan, locals: &[&Local], rooms: &[RoomEntry]) -> SceneGraph {
+/// show no instance are kept until their room is visited again. With `within`, all pieces of an instance that one visit
+/// shows are one object; without, only the largest stands for it and the others stay as they are, as in a merge that
+/// associates visits.
+pub(super) fn merge(plan: &Plan, locals: &[&Local], rooms: &[RoomEntry], within: bool) -> SceneGraph {
     let mut objects: BTreeMap<Name, Object> = BTreeMap::new();
     let mut edges = Edges::new();
     for (k, v) in plan.visits.iter().enumerate() {
@@ -35,9 +37,12 @@ pub(super) fn merge(plan: &Plan, locals: &[&Local], rooms: &[RoomEntry]) -> Scen
         }
         let local = locals[k];
         let graph = &local.graphs[&super::Variant::Network];
-        let name = |id: NodeId| match local.instances.get(&id).copied().unwrap_or(0) {
+        let instance = |id: NodeId| local.instances.get(&id).copied().unwrap_or(0);
+        let largest = largest(graph, instance);
+        let name = |id: NodeId| match instance(id) {
             0 => (v.room, 0, k, id.0),
-            i => (v.room, i, 0, 0),
+            i if within || largest.get(&i) == Some(&id) => (v.room, i, 0, 0),
+            i => (v.room, i, k + 1, id.0),
         };
         for n in graph.nodes() {
             observe(&mut objects, name(n.id), n, v.round, v.start);
@@ -52,6 +57,19 @@ pub(super) fn merge(plan: &Plan, locals: &[&Local], rooms: &[RoomEntry]) -> Scen
         }
     }
     write(&objects, &edges)
+}
+
+/// The piece of every instance with the largest box.
+fn largest(graph: &SceneGraph, instance: impl Fn(NodeId) -> u32) -> BTreeMap<u32, NodeId> {
+    let mut best: BTreeMap<u32, (f32, NodeId)> = BTreeMap::new();
+    for n in graph.nodes().filter(|n| instance(n.id) != 0) {
+        let size = n.bounds.extent().iter().map(|e| e.max(0.01)).product();
+        let held = best.entry(instance(n.id)).or_insert((size, n.id));
+        if size > held.0 {
+            *held = (size, n.id);
+        }
+    }
+    best.into_iter().map(|(i, (_, id))| (i, id)).collect()
 }
 
 fn observe(objects: &mut BTreeMap<Name, Object>, name: Name, n: &Node, round: usize, start: f64) {
