@@ -9,6 +9,8 @@ use crate::surfels::{BLOCK, HotBlock};
 /// Where errors are independent, surfels average them: fused is mostly the measured depth, since smoothing would
 /// blur steps for good.
 const RAW: f32 = 0.75;
+/// What lies so many tolerances before the measured depth and is not seen there is looked through.
+const BEFORE: f32 = 0.9;
 /// Sightings beyond this do not count.
 pub(crate) const CONFIDENCE_MAX: f32 = 40.0;
 
@@ -98,13 +100,15 @@ impl<'a> Gate<'a> {
             let n = [n[0][k], n[1][k], n[2][k]];
             let (x, y, tolerance, cos) = (ray[0][k], ray[1][k], tolerance[k], cos[k]);
             let live = z[k] != 0.0;
-            let nearer = p[2] < z[k] - 1.1 * tolerance;
             let far = z[k] + 3.0 * tolerance + 0.1 * z[k];
-            let open = live & !nearer & (smooth[k] != 0.0) & (p[2] <= far);
+            let reached = live & (smooth[k] != 0.0) & (p[2] <= far);
             let off = [p[0] - smooth[k] * x, p[1] - smooth[k] * y, p[2] - smooth[k]];
             let ahead = off[0] * n[0] + off[1] * n[1] + off[2] * n[2];
             let parallel = own[0][k] * n[0] + own[1][k] * n[1] + own[2][k] * n[2] >= parallel_cos;
-            let hit = open & parallel & (ahead.abs() <= tolerance);
+            // On a slanted plane what is seen may lie well before its pixel's depth.
+            let hit = reached & parallel & (ahead.abs() <= tolerance);
+            let nearer = live & !hit & (p[2] < z[k] - BEFORE * tolerance);
+            let open = reached & !hit & !nearer;
             // A sheet beside the surface, or a wrongly turned disc within: not what the camera would see there.
             let (behind, before) = if parallel { sheet } else { (-0.5, 0.5) };
             let about = (ahead >= behind * tolerance) & (ahead <= before * tolerance);
@@ -131,8 +135,8 @@ impl<'a> Gate<'a> {
             let sure = (confidence[k] + 1.0).min(CONFIDENCE_MAX);
             confidence[k] = if learns { sure } else { confidence[k] };
             marks[0][k] = u32::from(hit) << k;
-            marks[1][k] = u32::from(live & nearer) << k;
-            marks[2][k] = u32::from(open & !hit & about) << k;
+            marks[1][k] = u32::from(nearer) << k;
+            marks[2][k] = u32::from(open & about) << k;
             marks[3][k] = u32::from(learns) << k;
         }
         (hot.position, hot.normal, hot.radius, hot.confidence) = (position, normal, radius, confidence);
@@ -144,11 +148,11 @@ impl<'a> Gate<'a> {
         Marks { seen, before, stray, fused, distance }
     }
 
-    /// Whether all valid depths of the 3×3 samples around a surfel, at least five, lie beyond it.
+    /// Whether all valid depths of the 3×3 samples around a surfel, at least six, lie beyond it.
     pub(crate) fn looks_through(&self, seen: &Seen, k: usize) -> bool {
         let samples: &Samples = self.step.samples;
         let (x, y) = (seen.x[k] as usize, seen.y[k] as usize);
-        let z = seen.point[2][k] + 1.1 * samples.list[y * samples.width + x].tolerance;
+        let z = seen.point[2][k] + BEFORE * samples.list[y * samples.width + x].tolerance;
         let mut beyond = 0;
         for row in y.saturating_sub(1)..(y + 2).min(samples.height) {
             for column in x.saturating_sub(1)..(x + 2).min(samples.width) {
@@ -159,6 +163,6 @@ impl<'a> Gate<'a> {
                 beyond += u32::from(d > z);
             }
         }
-        beyond >= 5
+        beyond >= 6
     }
 }

@@ -170,6 +170,28 @@ fn surfels_that_are_looked_through_disappear() {
     assert_eq!(behind, Looked::Not);
 }
 
+/// A floor at a slant, which one pixel spans for more than the tolerance: its surfels are seen again wherever they fall
+/// within their pixel.
+#[test]
+fn a_slanted_floor_is_seen_again_wherever_pixels_fall() {
+    let mut map = Map::new(ideal()).unwrap();
+    let floor = [(Vector3::y(), 0.5)];
+    let mut last = gsm::Counts::default();
+    for i in 0..30 {
+        let turn = 0.0021 * (i as f32 * 2.4).sin();
+        let at = Isometry3::from_parts(
+            Translation3::identity(),
+            UnitQuaternion::from_euler_angles(-0.2 + turn, turn, 0.0),
+        );
+        let report = map.integrate(&view(&render(&floor, &at), at, i));
+        assert_eq!(report.counts.contradicted, 0, "frame {i}");
+        last = report.counts;
+    }
+    // The whole map lies in view.
+    assert!(last.visited > 5_000);
+    assert_eq!((last.matched, last.created), (last.visited, 0));
+}
+
 #[test]
 fn bad_frames_are_skipped_and_change_nothing() {
     let mut map = run(ideal(), &Isometry3::identity(), 3);
