@@ -10,7 +10,7 @@ use crate::surfels::{BLOCK, HotBlock};
 /// blur steps for good.
 const RAW: f32 = 0.75;
 /// What lies so many tolerances before the measured depth and is not seen there is looked through.
-const BEFORE: f32 = 0.9;
+const BEFORE: f32 = 0.8;
 /// Sightings beyond this do not count.
 pub(crate) const CONFIDENCE_MAX: f32 = 40.0;
 

@@ -118,9 +118,7 @@ fn coverage(frames: &[Frame], k: Intrinsics, map: &Map) -> Coverage {
     for Frame { depth, world_from_camera: pose, .. } in frames {
         for (i, &z) in depth.iter().enumerate().filter(|(_, z)| **z >= near && **z <= far) {
             let (x, y) = ((i % k.width() as usize) as f32, (i / k.width() as usize) as f32);
-            hit.push(key(
-                pose * Point3::new((x - k.cx()) / k.fx() * z, (y - k.cy()) / k.fy() * z, z)
-            ));
+            hit.push(key(pose * Point3::new((x - k.cx()) / k.fx() * z, (y - k.cy()) / k.fy() * z, z)));
         }
         hit.sort_unstable();
         all.extend(hit.chunk_by(|a, b| a == b).filter(|run| run.len() > 1).map(|run| run[0]));
@@ -141,7 +139,8 @@ fn coverage(frames: &[Frame], k: Intrinsics, map: &Map) -> Coverage {
     let centres = voxels(&mut map.surfels().filter(|s| s.stable).map(|s| s.position));
     let discs = voxels(&mut map.surfels().filter(|s| s.stable).flat_map(disc));
     let holds = |held: &[[i16; 3]], k: [i16; 3]| held.binary_search(&k).is_ok();
-    let about = |k: [i16; 3]| (0..27).map(move |i| [k[0] + i / 9 - 1, k[1] + i / 3 % 3 - 1, k[2] + i % 3 - 1]);
+    let about =
+        |k: [i16; 3]| (0..27).map(move |i| [k[0] + i / 9 - 1, k[1] + i / 3 % 3 - 1, k[2] + i % 3 - 1]);
     let count = |test: &dyn Fn([i16; 3]) -> bool| all.iter().filter(|k| test(**k)).count();
     Coverage {
         hit: all.len(),
