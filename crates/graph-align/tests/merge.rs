@@ -176,7 +176,10 @@ fn folds_join_pieces_of_one_object() {
     for (s, t, p, score) in [(50, 0, 0, 0.6), (51, 0, 1, 0.7), (50, 1, 0, 0.7), (51, 1, 1, 0.6)] {
         g.insert_edge(Edge { s: NodeId(s), t: NodeId(t), p: PredicateId(p), score }).unwrap();
     }
-    let merged = fold(&[observation(0, 0, 0, &g, None)]).main_graph();
+    let folded = fold(&[observation(0, 0, 0, &g, None)]);
+    let heirs = [50, 51, 52].map(|id| folded.components[0].heir(NodeId(id)).0);
+    assert_eq!(heirs, [50, 50, 52]);
+    let merged = folded.main_graph();
     let ids: Vec<u64> = merged.nodes().map(|n| n.id.0).filter(|id| *id >= 50).collect();
     assert_eq!(ids, [50, 52]);
     assert!(merged.outgoing(NodeId(50)).any(|e| e.t == NodeId(52)), "the piece's relation is the whole's");
