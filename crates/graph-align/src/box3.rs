@@ -160,6 +160,14 @@ impl Box3 {
         Some(Footprint { sides: [0, 1].map(|k| 2.0 * p[k].max(q[k])), yaw: a.yaw })
     }
 
+    /// As [`Self::footprint_of_both`], no side longer than the longer one of both.
+    pub(crate) fn footprint_of_longer(&self, other: &Self, centre: &Point3<f32>) -> Option<Footprint> {
+        let (a, b) = (self.footprint?, other.footprint?);
+        let longer = b.half(-a.yaw).map(|h| 2.0 * h);
+        let both = self.footprint_of_both(other, centre)?;
+        Some(Footprint { sides: [0, 1].map(|k| both.sides[k].min(a.sides[k].max(longer[k]))), ..both })
+    }
+
     /// The box around this box after a rigid motion. A turn by anything but a multiple of 90 degrees
     /// makes it larger, unless a footprint says how the object lies.
     #[must_use]

@@ -36,6 +36,11 @@ fn unsure(g: &SceneGraph) -> SceneGraph {
     changed(g, |n| n.score = 0.7)
 }
 
+/// The box of the node that came with an id, whoever brought it.
+fn place_of(g: &SceneGraph, id: u64) -> &Box3 {
+    &g.nodes().find(|n| n.id.0 & 0xff_ffff == id).unwrap().bounds
+}
+
 fn place(g: &SceneGraph, id: u64) -> Point3<f32> {
     g.node(NodeId(id)).unwrap().bounds.centroid()
 }
@@ -156,6 +161,38 @@ fn what_stands_on_a_moved_node_goes_along() {
     assert!(merged.outgoing(NodeId(60)).any(|e| e.t == NodeId(2)), "and still does");
     assert!(went(61).norm() < 0.02, "was seen where it was");
     assert!(went(62).norm() < 1e-6, "stood beside it");
+}
+
+/// The box follows an object that is seen whole again a little farther on; seen in part, it keeps what was known.
+#[test]
+fn a_small_move_moves_the_box_and_does_not_stretch_it() {
+    let lies = |b: Box3| {
+        let footprint = Footprint { sides: [b.extent().x, b.extent().y], yaw: 0.0 };
+        b.with_footprint(footprint).unwrap()
+    };
+    let whole = changed(&unsure(&room(&mut Dice(7), 14, 0)), |n| n.bounds = lies(n.bounds));
+    let of = |g: &SceneGraph| *place_of(g, 5);
+    let size = of(&whole).extent();
+    let seen = |to: [f32; 3], extent: [f32; 3]| {
+        let view = changed(&whole, |n| {
+            if n.id == NodeId(5) {
+                n.bounds = lies(Box3::new(to, extent).unwrap());
+            }
+        });
+        let all = [observation(0, 0, 0, &whole, None), observation(1, 1, 0, &view, None)];
+        let merged = fold(&all).main_graph();
+        assert_eq!(merged.len(), 14);
+        let b = of(&merged);
+        let f = b.footprint().unwrap();
+        assert!((f.sides[0] - size.x).abs() < 0.03 && (f.sides[1] - size.y).abs() < 0.03, "{f:?}");
+        b
+    };
+    let at = of(&whole).centroid();
+    let moved = seen([at.x + 0.2, at.y, at.z], size.into());
+    assert!((moved.centroid().x - at.x - 0.2).abs() < 0.011 && (moved.extent() - size).norm() < 0.03);
+    // A tenth of it was hidden on one side.
+    let partly = seen([at.x + 0.05 * size.x, at.y, at.z], [0.9 * size.x, size.y, size.z]);
+    assert!((partly.centroid() - at).norm() < 0.02 && (partly.extent() - size).norm() < 0.03);
 }
 
 /// A piece inside a larger node of its class becomes part of it in a fold, and of no other class.

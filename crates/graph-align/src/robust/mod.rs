@@ -66,7 +66,8 @@ pub struct RobustParams {
     pub patience: [u32; 2],
     /// A score from which one sighting counts as several.
     pub sure: f32,
-    /// By how much the box of the last view may be extended by what was known before, metres a side.
+    /// By how much the box of the last view may be extended by what was known before, metres a side; never
+    /// beyond the longer of the two.
     pub slack: f32,
     /// A node with at least this share of its box in that of another node of its class is a part of
     /// that one: of structure, of objects, and of objects whose classes differ but are each other's
