@@ -82,7 +82,8 @@ fn classes_add_up() {
     let view = |label: u16, score: f32, other: u16, second: f32| {
         changed(&g, |n| {
             if n.id == NodeId(3) {
-                (n.label, n.score, n.others) = (LabelId(label), score, vec![(LabelId(other), second)]);
+                (n.label, n.score) = (LabelId(label), score);
+                n.others = [(LabelId(other), second)].into_iter().collect();
             }
         })
     };

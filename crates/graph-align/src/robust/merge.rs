@@ -282,7 +282,7 @@ fn fuse_classes(node: &mut Node, q: &Node, params: &RobustParams) {
     order.truncate(1 + Node::MAX_OTHERS);
     if let Some((&(label, score), rest)) = order.split_first() {
         (node.label, node.score) = (label, score);
-        node.others = rest.to_vec();
+        node.others = rest.iter().copied().collect();
     }
 }
 
