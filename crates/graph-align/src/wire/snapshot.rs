@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 
 const MAGIC: &[u8; 4] = b"MSS1";
 /// Most nodes and edges of a part.
-const PART: Limits = super::FRAME;
+const PART: Limits = Limits { nodes: 1 << 22, edges: 1 << 24 };
 /// Most metres of a frame's shift.
 const FAR: f32 = 1e7;
 /// Bytes of a frame's number and pose.
