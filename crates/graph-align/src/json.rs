@@ -106,7 +106,7 @@ impl NodeRecord {
             centroid: n.bounds.centroid().coords.into(),
             extent: n.bounds.extent().into(),
             footprint: n.bounds.footprint().map(|f| [f.sides[0], f.sides[1], f.yaw]),
-            others: n.others.iter().map(|&(l, p)| (vocabulary.label_name(l).to_owned(), p)).collect(),
+            others: n.others.iter().map(|(l, p)| (vocabulary.label_name(l).to_owned(), p)).collect(),
             sightings: n.sightings,
             misses: n.misses,
             last_seen: n.last_seen,

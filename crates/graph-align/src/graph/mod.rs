@@ -54,7 +54,7 @@ impl Node {
 
     /// The best class and the others, with their probabilities.
     pub fn classes(&self) -> impl Iterator<Item = (LabelId, f32)> + '_ {
-        std::iter::once((self.label, self.score)).chain(self.others.iter().copied())
+        std::iter::once((self.label, self.score)).chain(self.others.iter())
     }
 }
 
@@ -303,7 +303,7 @@ impl SceneGraph {
                 n.bounds = footprint.map_or(Ok(b), |f| b.with_footprint(f)).unwrap_or(b);
             }
             n.score = quantise_score(n.score);
-            n.others.iter_mut().for_each(|o| o.1 = quantise_score(o.1));
+            n.others = n.others.iter().map(|(l, p)| (l, quantise_score(p))).collect();
             n.last_seen = (n.last_seen * 10.0).round() / 10.0;
         }
         out

@@ -87,8 +87,8 @@ pub(super) struct Item {
 
 impl Item {
     pub(super) fn of(node: &Node) -> Self {
-        let others: [_; Node::MAX_OTHERS] =
-            std::array::from_fn(|k| node.others.get(k).copied().unwrap_or_default());
+        let mut others = [(LabelId::default(), 0.0); Node::MAX_OTHERS];
+        others.iter_mut().zip(node.others.iter()).for_each(|(slot, o)| *slot = o);
         let score = node.score.clamp(0.05, 0.95);
         let named = others.iter().filter(|o| o.1 > 0.0);
         let rest = named.fold((1.0 - score, 1.0), |(rest, count), o| (rest - o.1, count + 1.0));
