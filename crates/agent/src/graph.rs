@@ -1,7 +1,7 @@
 //! Scored objects to the scene graph of a visit.
 
 use crate::{Error, NONE, Objects, SAME_PART};
-use graph_align::{Edge, LabelId, Node, NodeId, SceneGraph, Vocabulary};
+use graph_align::{Edge, Node, NodeId, Others, SceneGraph, Vocabulary};
 
 /// How scores become nodes and edges.
 #[derive(Clone, Debug, PartialEq)]
@@ -84,7 +84,7 @@ fn others(
     names: &[String],
     vocabulary: &mut Vocabulary,
     unnamed: bool,
-) -> Result<Vec<(LabelId, f32)>, Error> {
+) -> Result<Others, Error> {
     let mut order: Vec<usize> =
         (0..mean.len().min(names.len())).filter(|&k| k != best && (unnamed || names[k] != NONE)).collect();
     order.sort_by(|&a, &b| mean[b].total_cmp(&mean[a]).then(a.cmp(&b)));

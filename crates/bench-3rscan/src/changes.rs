@@ -2,17 +2,15 @@
 
 use crate::correspond::{Limit, correspond};
 use crate::truth::State;
-use graph_align::{NodeId, SceneGraph};
+use graph_align::{Node, NodeId, SceneGraph};
 use nalgebra::Point3;
 use serde::Serialize;
 use std::collections::{BTreeMap, BTreeSet};
 
 /// An object whose pose differs by more than this moved: metres at its middle, radians.
 const MOVED: (f32, f32) = (0.05, 0.0175);
-/// A node whose middle went farther than this was moved by the merge, metres.
+/// A node whose middle went farther than this from that of its object was moved by the merge, metres.
 const CARRIED: f32 = 0.5;
-/// A node that went while one of its class overlaps it by this much became a part of that one.
-const ABSORBED: f32 = 0.3;
 
 /// Right, wrong and missed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
@@ -34,11 +32,13 @@ impl Tally {
 
 /// Over objects that the merged graph held before a visit and whose place the visit looked at; added ones: that
 /// the visit's own graph shows.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Changes {
     /// Of objects whose pose changed: their node lies nearer to the new place.
     pub moved: Tally,
-    /// Of objects that are gone: so is their node.
+    /// Of all objects whose pose changed: those that the visit's own graph does not show.
+    pub moved_not_shown: usize,
+    /// Of objects that are gone: so is their node, at once or later.
     pub removed: Tally,
     /// Of objects that were not there: they have a node that was not there. Wrong: a second node of one that was.
     pub added: Tally,
@@ -46,6 +46,9 @@ pub struct Changes {
     pub false_removed_unseen: usize,
     /// Nodes that were removed although the visit saw their object.
     pub false_removed_seen: usize,
+    /// Nodes whose object is gone and that are still there.
+    #[serde(skip)]
+    pub ghosts: BTreeSet<NodeId>,
 }
 
 /// One step of a fold, all in the domain frame.
@@ -58,6 +61,8 @@ pub struct Step<'a> {
     pub after: &'a SceneGraph,
     /// Every node after it.
     pub all_after: &'a BTreeSet<NodeId>,
+    /// What a node from before it has become: itself, or the node of which it was found to be a part.
+    pub heir: &'a dyn Fn(NodeId) -> NodeId,
     /// The visit's own graph.
     pub visit: &'a SceneGraph,
     /// Whether the visit looked at a place.
@@ -77,11 +82,6 @@ impl Step<'_> {
         let by = b * a.inverse();
         (by * was - was).norm() > MOVED.0 || by.rotation.angle() > MOVED.1
     }
-
-    fn is_absorbed(&self, id: NodeId) -> bool {
-        let Some(n) = self.before.node(id) else { return false };
-        self.after.nodes().any(|a| a.label == n.label && a.bounds.iou(&n.bounds) > ABSORBED)
-    }
 }
 
 fn objects(state: &State, graph: &SceneGraph) -> BTreeMap<NodeId, u64> {
@@ -94,42 +94,63 @@ impl Changes {
     pub fn count(&mut self, s: &Step<'_>) {
         let (before, after) = (objects(s.was, s.before), objects(s.is, s.after));
         let shown: BTreeSet<u64> = objects(s.is, s.visit).into_values().collect();
-        let known: BTreeSet<u64> = before.values().copied().collect();
-        for n in s.before.nodes() {
-            let (object, at) = (before.get(&n.id).copied(), n.bounds.centroid());
-            let there = object.filter(|o| s.is.objects.contains_key(o));
-            let looked = (s.looked)(&at);
-            let now = s.after.node(n.id);
-            if looked && let (Some(_), None) = (object, there) {
-                self.removed.is(!s.all_after.contains(&n.id));
-            }
-            if looked && let Some(o) = there.filter(|o| s.moved(*o)) {
-                let near = |state: &State, p: &Point3<f32>| {
-                    let t = state.truth.nodes.iter().find(|t| t.id == o);
-                    t.map_or(f32::MAX, |t| (t.bounds.centroid() - p).norm())
-                };
-                let place = now.map(|n| n.bounds.centroid());
-                self.moved.is(place.is_some_and(|p| near(s.is, &p) < near(s.was, &p)));
-            } else if there.is_some() && now.is_some_and(|m| (m.bounds.centroid() - at).norm() > CARRIED) {
-                self.moved.fp += 1;
-            }
-            if s.all_after.contains(&n.id)
-                || s.is_absorbed(n.id)
-                || (looked && object.is_some() && there.is_none())
-            {
-                continue;
-            }
-            self.removed.fp += usize::from(looked && there.is_some());
-            self.false_removed_unseen += usize::from(!looked);
-            self.false_removed_seen += usize::from(looked && there.is_some_and(|o| shown.contains(&o)));
-        }
-        let new: BTreeSet<u64> =
-            after.iter().filter(|(n, _)| !s.all_before.contains(n)).map(|(_, o)| *o).collect();
-        for object in s.is.objects.keys() {
-            if !s.was.objects.contains_key(object) && shown.contains(object) {
-                self.added.is(new.contains(object));
+        self.count_ghosts(s);
+        let ghosts = self.ghosts.clone();
+        for n in s.before.nodes().filter(|n| !ghosts.contains(&n.id)) {
+            let (object, looked) = (before.get(&n.id).copied(), (s.looked)(&n.bounds.centroid()));
+            let heir = (s.heir)(n.id);
+            let lives = s.all_after.contains(&heir);
+            self.false_removed_unseen += usize::from(!looked && !lives);
+            match object {
+                Some(o) if s.is.there.contains(&o) => {
+                    self.count_moved(s, n, o, shown.contains(&o));
+                    self.removed.fp += usize::from(looked && !lives);
+                    self.false_removed_seen += usize::from(looked && !lives && shown.contains(&o));
+                }
+                Some(_) if looked => {
+                    self.removed.is(!lives);
+                    if lives {
+                        self.ghosts.insert(heir);
+                    }
+                }
+                _ => {}
             }
         }
-        self.added.fp += new.iter().filter(|o| s.was.objects.contains_key(o) && known.contains(o)).count();
+        let heirs: BTreeSet<NodeId> = s.all_before.iter().map(|n| (s.heir)(*n)).collect();
+        let new: BTreeSet<u64> = after.iter().filter(|(n, _)| !heirs.contains(n)).map(|(_, o)| *o).collect();
+        for object in s.is.objects.keys().filter(|o| !s.was.there.contains(o) && shown.contains(o)) {
+            self.added.is(new.contains(object));
+        }
+        let known: BTreeSet<u64> = before.into_values().collect();
+        self.added.fp += new.iter().filter(|o| known.contains(o)).count();
+    }
+
+    /// What became of nodes whose object was gone before this visit.
+    fn count_ghosts(&mut self, s: &Step<'_>) {
+        for node in std::mem::take(&mut self.ghosts) {
+            let heir = (s.heir)(node);
+            if !s.all_before.contains(&node) || s.all_after.contains(&heir) {
+                self.ghosts.insert(heir);
+            } else {
+                self.removed.missed -= 1;
+                self.removed.tp += 1;
+            }
+        }
+    }
+
+    /// Whether the node of an object went where the object went.
+    fn count_moved(&mut self, s: &Step<'_>, node: &Node, object: u64, shown: bool) {
+        let off = |state: &State, p: &Point3<f32>| {
+            let t = state.truth.nodes.iter().find(|t| t.id == object);
+            t.map_or(f32::MAX, |t| (t.bounds.centroid() - p).norm())
+        };
+        let at = node.bounds.centroid();
+        let now = s.after.node((s.heir)(node.id)).map(|n| n.bounds.centroid());
+        if (s.looked)(&at) && s.moved(object) {
+            self.moved.is(now.is_some_and(|p| off(s.is, &p) < off(s.was, &p)));
+            self.moved_not_shown += usize::from(!shown);
+        } else if now.is_some_and(|p| off(s.is, &p) > off(s.is, &at) + CARRIED) {
+            self.moved.fp += 1;
+        }
     }
 }

@@ -96,7 +96,7 @@ pub fn row(name: &CellName<'_>, set: &CellSetting<'_>, made: &Made, m: &Measured
             "iou".to_owned(),
             json!({"0.25": three(&m.iou[0]), "0.5": three(&m.iou[1]), "centre": three(&m.centre)}),
         ),
-        ("changes".to_owned(), json!(e.and_then(|e| e.changes))),
+        ("changes".to_owned(), json!(e.and_then(|e| e.changes.as_ref()))),
         (
             "links".to_owned(),
             json!(e.and_then(|e| e.links).map(|[f, t, w]| json!({"found": f, "true": t, "wrong": w}))),

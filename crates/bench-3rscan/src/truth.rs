@@ -107,6 +107,8 @@ pub struct State {
     pub truth: Truth,
     /// By id, of nodes that count.
     pub objects: BTreeMap<u64, (Point3<f32>, Isometry3<f32>)>,
+    /// All that is in the room, seen well or not.
+    pub there: BTreeSet<u64>,
 }
 
 /// What the visits saw of each scan.
@@ -222,7 +224,7 @@ pub fn states(
 impl State {
     fn nothing() -> Self {
         let truth = Truth { nodes: Vec::new(), edges: Vec::new(), counts: TruthCounts::default() };
-        Self { truth, objects: BTreeMap::new() }
+        Self { truth, objects: BTreeMap::new(), there: BTreeSet::new() }
     }
 
     fn of(
@@ -236,6 +238,7 @@ impl State {
         let mut out = Self::nothing();
         let domain = placement.domain_from_reference;
         for (&instance, h) in all.iter().filter(|(i, _)| !gone.contains(i)) {
+            out.there.insert(node_id(room, instance));
             let label = labels.class_of(&h.raw).and_then(|c| vocabulary.find_label(c));
             let (Some(bounds), true, true) = (h.bounds, label.is_some(), h.samples >= MIN_SAMPLES) else {
                 continue;

@@ -13,7 +13,33 @@ const MAX_COORDINATE: f32 = 1e6;
 pub struct Box3 {
     centroid: Point3<f32>,
     extent: Vector3<f32>,
-    footprint: Option<Footprint>,
+    footprint: Maybe,
+}
+
+/// A footprint that may not be known, in no more than its numbers: the yaw of none is no number.
+#[derive(Clone, Copy)]
+struct Maybe(Footprint);
+
+impl Maybe {
+    fn of(f: Option<Footprint>) -> Self {
+        Self(f.unwrap_or(Footprint { sides: [0.0; 2], yaw: f32::NAN }))
+    }
+
+    fn get(self) -> Option<Footprint> {
+        (!self.0.yaw.is_nan()).then_some(self.0)
+    }
+}
+
+impl PartialEq for Maybe {
+    fn eq(&self, other: &Self) -> bool {
+        self.get() == other.get()
+    }
+}
+
+impl std::fmt::Debug for Maybe {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        self.get().fmt(f)
+    }
 }
 
 /// The rectangle on the ground, about the centroid, that holds an object tighter than its axis-aligned
@@ -56,7 +82,7 @@ impl Box3 {
         }
         // -0 would make equal boxes differ in their bytes.
         let plus = |v: [f32; 3]| v.map(|x| x + 0.0);
-        Ok(Self { centroid: plus(centroid).into(), extent: plus(extent).into(), footprint: None })
+        Ok(Self { centroid: plus(centroid).into(), extent: plus(extent).into(), footprint: Maybe::of(None) })
     }
 
     /// The same box with a footprint.
@@ -76,19 +102,19 @@ impl Box3 {
                 format!("yaw {}, want 0 to a quarter turn", footprint.yaw),
             ));
         }
-        Ok(Self { footprint: Some(footprint), ..self })
+        Ok(Self { footprint: Maybe::of(Some(footprint)), ..self })
     }
 
     /// The footprint, if one is known.
     #[must_use]
     pub fn footprint(&self) -> Option<Footprint> {
-        self.footprint
+        self.footprint.get()
     }
 
     /// Diagonal of the footprint, or of the box seen from above.
     #[must_use]
     pub fn ground_diagonal(&self) -> f32 {
-        let [l, w] = self.footprint.map_or([self.extent.x, self.extent.y], |f| f.sides);
+        let [l, w] = self.footprint().map_or([self.extent.x, self.extent.y], |f| f.sides);
         l.hypot(w)
     }
 
@@ -145,12 +171,12 @@ impl Box3 {
     pub fn union(&self, other: &Self) -> Self {
         let (lo, hi) = (self.min().inf(&other.min()), self.max().sup(&other.max()));
         let centroid = nalgebra::center(&lo, &hi);
-        Self { centroid, extent: hi - lo, footprint: self.footprint_of_both(other, &centroid) }
+        Self { centroid, extent: hi - lo, footprint: Maybe::of(self.footprint_of_both(other, &centroid)) }
     }
 
     /// A footprint about a centre that holds those of both, along this one's sides.
     pub(crate) fn footprint_of_both(&self, other: &Self, centre: &Point3<f32>) -> Option<Footprint> {
-        let (a, b) = (self.footprint?, other.footprint?);
+        let (a, b) = (self.footprint()?, other.footprint()?);
         let (sin, cos) = a.yaw.sin_cos();
         let reach = |c: &Point3<f32>, half: [f32; 2]| {
             let (dx, dy) = (c.x - centre.x, c.y - centre.y);
@@ -158,6 +184,14 @@ impl Box3 {
         };
         let (p, q) = (reach(&self.centroid, a.half(-a.yaw)), reach(&other.centroid, b.half(-a.yaw)));
         Some(Footprint { sides: [0, 1].map(|k| 2.0 * p[k].max(q[k])), yaw: a.yaw })
+    }
+
+    /// As [`Self::footprint_of_both`], no side longer than the longer one of both.
+    pub(crate) fn footprint_of_longer(&self, other: &Self, centre: &Point3<f32>) -> Option<Footprint> {
+        let (a, b) = (self.footprint()?, other.footprint()?);
+        let longer = b.half(-a.yaw).map(|h| 2.0 * h);
+        let both = self.footprint_of_both(other, centre)?;
+        Some(Footprint { sides: [0, 1].map(|k| both.sides[k].min(a.sides[k].max(longer[k]))), ..both })
     }
 
     /// The box around this box after a rigid motion. A turn by anything but a multiple of 90 degrees
@@ -172,11 +206,11 @@ impl Box3 {
         // Upright motions keep the footprint; others tilt it out of the ground.
         let upright = r.matrix()[(2, 2)] > 0.9999;
         let turn = r.matrix()[(1, 0)].atan2(r.matrix()[(0, 0)]);
-        let footprint = self.footprint.filter(|_| upright).map(|f| f.turned(turn));
+        let footprint = self.footprint().filter(|_| upright).map(|f| f.turned(turn));
         if let Some(f) = footprint {
             let [x, y] = f.half(0.0);
             (extent.x, extent.y) = (extent.x.min(2.0 * x), extent.y.min(2.0 * y));
         }
-        Self { centroid: t * self.centroid, extent, footprint }
+        Self { centroid: t * self.centroid, extent, footprint: Maybe::of(footprint) }
     }
 }

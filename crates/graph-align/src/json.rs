@@ -106,7 +106,7 @@ impl NodeRecord {
             centroid: n.bounds.centroid().coords.into(),
             extent: n.bounds.extent().into(),
             footprint: n.bounds.footprint().map(|f| [f.sides[0], f.sides[1], f.yaw]),
-            others: n.others.iter().map(|&(l, p)| (vocabulary.label_name(l).to_owned(), p)).collect(),
+            others: n.others.iter().map(|(l, p)| (vocabulary.label_name(l).to_owned(), p)).collect(),
             sightings: n.sightings,
             misses: n.misses,
             last_seen: n.last_seen,
@@ -200,10 +200,9 @@ impl GraphFile {
                 Some([l, w, yaw]) => b.with_footprint(Footprint { sides: [l, w], yaw }),
                 None => Ok(b),
             });
-            let mut others = Vec::with_capacity(n.others.len());
-            for (name, p) in &n.others {
-                others.push((vocabulary.label(name).map_err(at)?, p.clamp(0.0, 1.0)));
-            }
+            let mut other =
+                |(name, p): &(String, f32)| Ok((vocabulary.label(name).map_err(at)?, p.clamp(0.0, 1.0)));
+            let others = n.others.iter().map(&mut other).collect::<Result<_, Error>>()?;
             graph.insert_node(Node {
                 id: NodeId(n.id),
                 label: vocabulary.label(&n.label).map_err(at)?,

@@ -45,7 +45,7 @@ pub mod wire;
 pub use align::{Algorithm, Match, Outcome, Params, Query, Verdict, Why, align, align_indexed};
 pub use box3::{Box3, Footprint};
 pub use error::Error;
-pub use graph::{Edge, Node, NodeId, SceneGraph};
+pub use graph::{Edge, Node, NodeId, Others, SceneGraph};
 pub use looked::Looked;
 pub use paper::PaperParams;
 pub use replica::{

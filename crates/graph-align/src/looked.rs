@@ -65,7 +65,7 @@ impl Looked {
         origin: [f32; 3],
         first: [i32; 3],
         size: [u32; 3],
-        bits: &[u8],
+        bits: Vec<u8>,
     ) -> Result<Self, Error> {
         let empty = Self::new(cell, origin, &[])?;
         let all =
@@ -77,8 +77,8 @@ impl Looked {
         if all == 0 && (size != [0; 3] || first != [0; 3]) || bits.len() as u64 != all.div_ceil(8) {
             return Err(Error::value("cells", format!("{} bytes for {all} cells", bits.len())));
         }
-        let out = Self { first, size, bits: bits.to_vec(), ..empty };
-        let padding = bits.last().is_some_and(|b| !all.is_multiple_of(8) && b >> (all % 8) != 0);
+        let out = Self { first, size, bits, ..empty };
+        let padding = out.bits.last().is_some_and(|b| !all.is_multiple_of(8) && b >> (all % 8) != 0);
         let (mut low, mut high) = (size, [0_u32; 3]);
         for c in out.cells() {
             for k in 0..3 {

@@ -36,6 +36,11 @@ fn unsure(g: &SceneGraph) -> SceneGraph {
     changed(g, |n| n.score = 0.7)
 }
 
+/// The box of the node that came with an id, whoever brought it.
+fn place_of(g: &SceneGraph, id: u64) -> &Box3 {
+    &g.nodes().find(|n| n.id.0 & 0xff_ffff == id).unwrap().bounds
+}
+
 fn place(g: &SceneGraph, id: u64) -> Point3<f32> {
     g.node(NodeId(id)).unwrap().bounds.centroid()
 }
@@ -77,7 +82,8 @@ fn classes_add_up() {
     let view = |label: u16, score: f32, other: u16, second: f32| {
         changed(&g, |n| {
             if n.id == NodeId(3) {
-                (n.label, n.score, n.others) = (LabelId(label), score, vec![(LabelId(other), second)]);
+                (n.label, n.score) = (LabelId(label), score);
+                n.others = [(LabelId(other), second)].into_iter().collect();
             }
         })
     };
@@ -158,6 +164,38 @@ fn what_stands_on_a_moved_node_goes_along() {
     assert!(went(62).norm() < 1e-6, "stood beside it");
 }
 
+/// The box follows an object that is seen whole again a little farther on; seen in part, it keeps what was known.
+#[test]
+fn a_small_move_moves_the_box_and_does_not_stretch_it() {
+    let lies = |b: Box3| {
+        let footprint = Footprint { sides: [b.extent().x, b.extent().y], yaw: 0.0 };
+        b.with_footprint(footprint).unwrap()
+    };
+    let whole = changed(&unsure(&room(&mut Dice(7), 14, 0)), |n| n.bounds = lies(n.bounds));
+    let of = |g: &SceneGraph| *place_of(g, 5);
+    let size = of(&whole).extent();
+    let seen = |to: [f32; 3], extent: [f32; 3]| {
+        let view = changed(&whole, |n| {
+            if n.id == NodeId(5) {
+                n.bounds = lies(Box3::new(to, extent).unwrap());
+            }
+        });
+        let all = [observation(0, 0, 0, &whole, None), observation(1, 1, 0, &view, None)];
+        let merged = fold(&all).main_graph();
+        assert_eq!(merged.len(), 14);
+        let b = of(&merged);
+        let f = b.footprint().unwrap();
+        assert!((f.sides[0] - size.x).abs() < 0.03 && (f.sides[1] - size.y).abs() < 0.03, "{f:?}");
+        b
+    };
+    let at = of(&whole).centroid();
+    let moved = seen([at.x + 0.2, at.y, at.z], size.into());
+    assert!((moved.centroid().x - at.x - 0.2).abs() < 0.011 && (moved.extent() - size).norm() < 0.03);
+    // A tenth of it was hidden on one side.
+    let partly = seen([at.x + 0.05 * size.x, at.y, at.z], [0.9 * size.x, size.y, size.z]);
+    assert!((partly.centroid() - at).norm() < 0.02 && (partly.extent() - size).norm() < 0.03);
+}
+
 /// A piece inside a larger node of its class becomes part of it in a fold, and of no other class.
 #[test]
 fn folds_join_pieces_of_one_object() {
@@ -176,7 +214,10 @@ fn folds_join_pieces_of_one_object() {
     for (s, t, p, score) in [(50, 0, 0, 0.6), (51, 0, 1, 0.7), (50, 1, 0, 0.7), (51, 1, 1, 0.6)] {
         g.insert_edge(Edge { s: NodeId(s), t: NodeId(t), p: PredicateId(p), score }).unwrap();
     }
-    let merged = fold(&[observation(0, 0, 0, &g, None)]).main_graph();
+    let folded = fold(&[observation(0, 0, 0, &g, None)]);
+    let heirs = [50, 51, 52].map(|id| folded.components[0].heir(NodeId(id)).0);
+    assert_eq!(heirs, [50, 50, 52]);
+    let merged = folded.main_graph();
     let ids: Vec<u64> = merged.nodes().map(|n| n.id.0).filter(|id| *id >= 50).collect();
     assert_eq!(ids, [50, 52]);
     assert!(merged.outgoing(NodeId(50)).any(|e| e.t == NodeId(52)), "the piece's relation is the whole's");

@@ -8,8 +8,8 @@ mod common;
 mod rooms;
 
 use graph_align::{
-    Box3, Edge, Error, Folded, Key, Node, NodeId, Observation, Params, Replica, Retraction, SceneGraph,
-    VersionVector, Vocabulary, wire,
+    Box3, Edge, Error, Folded, Key, LabelId, Node, NodeId, Observation, Params, PredicateId, Replica,
+    Retraction, SceneGraph, VersionVector, Vocabulary, wire,
 };
 use nalgebra::{Isometry3, Point3, Vector3};
 use proptest::prelude::*;
@@ -290,6 +290,40 @@ fn life(seed: u64, window_ds: u32) -> Stats {
         assert_eq!(bytes(&folded), bytes(&reference));
     }
     stats
+}
+
+/// What many frames brought together is more than one frame may hold, and travels all the same.
+#[test]
+fn a_snapshot_may_hold_more_than_a_frame() {
+    let (v, params) = (vocabulary(), Params::default());
+    let far_apart = |from: u64, n: u64| {
+        let mut g = SceneGraph::default();
+        for k in from..from + n {
+            let at = [(k % 300) as f32 * 10.0, (k / 300) as f32 * 10.0, 0.5];
+            g.insert_node(Node::new(NodeId(k), LabelId((k % 3) as u16), Box3::new(at, [1.0; 3]).unwrap()));
+            if k > from {
+                g.insert_edge(Edge { s: NodeId(k), t: NodeId(k - 1), p: PredicateId(0), score: 1.0 })
+                    .unwrap();
+            }
+        }
+        g
+    };
+    let mut replica = Replica::with_window(100);
+    for seq in 0..2 {
+        let graph = far_apart(u64::from(seq) * 40_000, 40_000);
+        let key = Key { start_ds: seq * 10, agent: 0, epoch: 0, seq };
+        assert!(replica.apply(Observation { key, end_ds: 50, frame: 0, graph, looked: None }).unwrap());
+    }
+    assert!(replica.compact(100, &params).unwrap());
+    let sent = replica.snapshot().unwrap();
+    assert_eq!(sent.graphs().map(|(_, g)| g.len()).collect::<Vec<_>>(), [80_000]);
+    let frame = wire::encode_snapshot(sent, &v).unwrap();
+    assert_eq!(&wire::decode_snapshot(&frame, &v).unwrap(), sent);
+    // One observation is one frame; the error says what to do.
+    let key = Key { start_ds: 0, agent: 0, epoch: 0, seq: 9 };
+    let whole = Observation { key, end_ds: 50, frame: 0, graph: far_apart(0, 65_537), looked: None };
+    let error = wire::encode(&whole, &v).unwrap_err().to_string();
+    assert!(error.contains("65537 nodes") && error.contains("in parts"), "{error}");
 }
 
 proptest! {

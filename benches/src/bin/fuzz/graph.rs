@@ -39,7 +39,7 @@ impl Reader<'_> {
             node.score = f32::from(self.byte() % 128) / 127.0;
             node.sightings = u32::from(self.byte() % 4);
             if self.byte() > 127 {
-                node.others = vec![(LabelId(u16::from(self.byte() % 6)), 0.25)];
+                node.others = [(LabelId(u16::from(self.byte() % 6)), 0.25)].into_iter().collect();
             }
             g.insert_node(node);
         }

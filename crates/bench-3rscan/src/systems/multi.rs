@@ -260,6 +260,7 @@ fn changes(
             all_before: &all_before,
             after: &after,
             all_after: &all_after,
+            heir: &|id| heir(&folded, id),
             visit: &visit,
             looked: &|at| local.looked.contains(&(frame_from_domain * at)),
             was,
@@ -267,6 +268,12 @@ fn changes(
         });
     }
     Some(out)
+}
+
+/// What a node has become.
+fn heir(folded: &Folded, id: NodeId) -> NodeId {
+    let other = folded.components.iter().map(|c| c.heir(id)).find(|h| *h != id);
+    other.unwrap_or(id)
 }
 
 /// The named nodes of the component that holds a frame, in the domain frame, and all its nodes.

@@ -103,7 +103,7 @@ fn write(objects: &BTreeMap<Name, Object>, edges: &Edges) -> SceneGraph {
             label,
             score: score / total.max(1e-6),
             bounds: o.bounds,
-            others: Vec::new(),
+            others: Default::default(),
             sightings: o.sightings,
             misses: 0,
             last_seen: o.last_seen,

@@ -33,9 +33,9 @@ impl Feed {
         self.float(n.score);
         self.bounds(&n.bounds);
         self.int(n.others.len() as u64);
-        for (label, score) in &n.others {
+        for (label, score) in n.others.iter() {
             self.int(u64::from(label.0));
-            self.float(*score);
+            self.float(score);
         }
         self.int(u64::from(n.sightings));
         self.int(u64::from(n.misses));

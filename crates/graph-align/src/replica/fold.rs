@@ -25,6 +25,8 @@ pub struct Component {
     sightings: Sightings,
     /// Frames that are final.
     held: BTreeSet<u32>,
+    /// Nodes that became another one, or a part of it.
+    became: BTreeMap<NodeId, NodeId>,
 }
 
 impl PartialEq for Component {
@@ -47,13 +49,31 @@ impl Component {
         let index = index_of(&graph, params);
         let sightings = Sightings::of(o);
         let frames = BTreeMap::from([(o.frame, Isometry3::identity())]);
-        let mut new = Self { graph, root: o.frame, frames, index, sightings, held: BTreeSet::new() };
+        let (held, became) = Default::default();
+        let mut new = Self { graph, root: o.frame, frames, index, sightings, held, became };
         if params.algorithm == Algorithm::Robust {
             let all = new.graph.nodes().map(|n| n.id).collect();
             let joined = robust::merge::join_parts(&mut new.graph, &mut new.index, &all, &params.robust);
             new.sightings.join(&joined);
+            new.became.extend(joined);
         }
         new
+    }
+
+    /// What a node has become since it came: itself, also where it was removed, or the node of which it was
+    /// found to be a part. Forgotten where a window ends.
+    #[must_use]
+    pub fn heir(&self, id: NodeId) -> NodeId {
+        let mut heir = id;
+        // A node that is part of another is gone, so that no chain comes back to where it was; ids that are
+        // used again could make one.
+        for _ in 0..=self.became.len() {
+            match self.became.get(&heir).filter(|_| self.graph.node(heir).is_none()) {
+                Some(&next) => heir = next,
+                None => break,
+            }
+        }
+        heir
     }
 
     /// The part with everything final, from nothing but its root, its frames and its graph: what was seen from
@@ -68,15 +88,16 @@ impl Component {
         let index = index_of(&graph, params);
         let sightings = Sightings::in_frame(root, &graph);
         let held = frames.keys().copied().collect();
-        Self { graph, root, frames, index, sightings, held }
+        Self { graph, root, frames, index, sightings, held, became: BTreeMap::new() }
     }
 
     fn align(&self, query: &Query<'_>, params: &Params) -> Outcome {
         align_indexed(&self.graph, &self.index, query, params)
     }
 
-    /// Merges a query whose frame is known. The robust algorithm associates at the known pose where
-    /// its search refuses: the frames are a matter of fact, the objects need not be many.
+    /// Merges a query whose frame is known; beside it what its nodes became (robust alone). The robust
+    /// algorithm associates at the known pose where its search refuses: the frames are a matter of fact, the
+    /// objects need not be many.
     fn merge(
         &mut self,
         query: &Query<'_>,
@@ -84,10 +105,10 @@ impl Component {
         pose: &Isometry3<f32>,
         seen: &Sightings,
         params: &Params,
-    ) {
+    ) -> BTreeMap<NodeId, NodeId> {
         if params.algorithm != Algorithm::Robust {
             self.graph = update(&self.graph, query, &outcome, params);
-            return;
+            return BTreeMap::new();
         }
         let m = match outcome {
             Outcome::Match(m) => m,
@@ -106,6 +127,8 @@ impl Component {
         self.sightings.add(seen, &merged.image);
         let joined = robust::merge::join_parts(graph, index, &merged.touched, &params.robust);
         self.sightings.join(&joined);
+        self.became.extend(joined);
+        merged.image
     }
 
     /// The frames fitted to all that was seen from more than one of them; the root's stays.
@@ -241,7 +264,9 @@ impl Folded {
                 unmet: Vec::new(),
             },
         };
-        c.merge(&query, Outcome::Match(m), &t, &gone.sightings, params);
+        c.became.extend(gone.became);
+        let image = c.merge(&query, Outcome::Match(m), &t, &gone.sightings, params);
+        c.became.extend(image.into_iter().filter(|(from, to)| from != to));
     }
 
     /// Every frame by the root of its component, fitted to all that was seen from more than one frame.

@@ -25,7 +25,12 @@ const MOVED_SIZE: (f32, f32) = (0.3, 0.35);
 const FARTHEST: f32 = 6.0;
 
 /// The answer for a hypothesis.
-pub(super) fn describe(query: &Query<'_>, scene: &Scene<'_>, h: &Hypothesis, margin: Option<f32>) -> Match {
+pub(super) fn describe(
+    query: &Query<'_>,
+    scene: &Scene<'_>,
+    h: &Hypothesis<'_>,
+    margin: Option<f32>,
+) -> Match {
     let mut found = Found {
         verdicts: query.graph.nodes().map(|n| (n.id, Verdict::New)).collect(),
         used: BTreeSet::new(),
@@ -80,7 +85,7 @@ impl Found {
 }
 
 /// Objects that stand where they stood, one-to-one: of equal labels first, then of others.
-fn at_rest(scene: &Scene<'_>, h: &Hypothesis, found: &mut Found, work: &mut Work) {
+fn at_rest(scene: &Scene<'_>, h: &Hypothesis<'_>, found: &mut Found, work: &mut Work) {
     let gate = (AT_REST.0 + AT_REST.1 * h.sigma).min(0.7);
     let mut pairs = Vec::new();
     for q in scene.query {
@@ -133,7 +138,7 @@ fn similar(scene: &Scene<'_>, q: &Item, r: &Item) -> bool {
 
 /// Walls, floors and ceilings by the share of their boxes that both have: a part lies within the
 /// whole.
-fn structure(query: &Query<'_>, scene: &Scene<'_>, h: &Hypothesis, found: &mut Found, work: &mut Work) {
+fn structure(query: &Query<'_>, scene: &Scene<'_>, h: &Hypothesis<'_>, found: &mut Found, work: &mut Work) {
     let mut pairs = Vec::new();
     for q in query.graph.nodes().filter(|n| scene.params.structure.contains(&n.label)) {
         if work.exhausted {
@@ -166,7 +171,7 @@ pub(super) fn shared(a: &Box3, b: &Box3, grown: f32) -> f32 {
 }
 
 /// Reference objects without a counterpart whose centre the query's robot looked at, by content.
-fn looked_at(scene: &Scene<'_>, h: &Hypothesis, used: &BTreeSet<NodeId>) -> Vec<Item> {
+fn looked_at(scene: &Scene<'_>, h: &Hypothesis<'_>, used: &BTreeSet<NodeId>) -> Vec<Item> {
     let Some(looked) = scene.looked else { return Vec::new() };
     let back = h.pose.inverse();
     let (middle, radius) = looked.ball();
@@ -185,7 +190,7 @@ fn looked_at(scene: &Scene<'_>, h: &Hypothesis, used: &BTreeSet<NodeId>) -> Vec<
 
 /// Objects that are gone from one place and turn up at another: same label, same size, the most
 /// alike and nearest first.
-fn moved(scene: &Scene<'_>, h: &Hypothesis, gone: &[Item], found: &mut Found, work: &mut Work) {
+fn moved(scene: &Scene<'_>, h: &Hypothesis<'_>, gone: &[Item], found: &mut Found, work: &mut Work) {
     let mut pairs = Vec::new();
     for q in scene.query.iter().filter(|q| found.is_new(q.id)) {
         if !work.spend(gone.len() as u64) {

@@ -12,11 +12,11 @@
 //! S and G are mixed with a share of outliers. The noise s is that of the pairs themselves, pulled
 //! towards a prior.
 
-use super::index::{Index, Item};
+use super::index::{Index, Item, Slots};
 use super::{RobustParams, Work};
-use crate::{Looked, Query, fit};
+use crate::{LabelId, Looked, Query, fit};
 use nalgebra::{Isometry3, Point3};
-use std::collections::BTreeSet;
+use std::cell::Cell;
 
 /// Noise of centroids that is assumed before any pair is seen, metres, and how many pairs that
 /// assumption is worth.
@@ -33,10 +33,10 @@ const KNOWN: f32 = 1.0;
 
 /// A pair and its evidence.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Pair {
+pub(super) struct Pair<'a> {
     pub query: usize,
     pub slot: u32,
-    pub item: Item,
+    pub item: &'a Item,
     pub evidence: f32,
     /// Distance under the pose, metres.
     pub distance: f32,
@@ -44,9 +44,9 @@ pub(super) struct Pair {
 
 /// A pose and what speaks for it.
 #[derive(Clone, Debug)]
-pub(super) struct Hypothesis {
+pub(super) struct Hypothesis<'a> {
     pub pose: Isometry3<f32>,
-    pub pairs: Vec<Pair>,
+    pub pairs: Vec<Pair<'a>>,
     /// Sum of the evidence of the pairs less what is missing, natural log.
     pub evidence: f32,
     /// What is known of the frames beside the graphs adds this where poses are compared.
@@ -59,7 +59,7 @@ pub(super) struct Hypothesis {
     pub reference_missing: usize,
 }
 
-impl Hypothesis {
+impl Hypothesis<'_> {
     /// By what poses are put in order.
     pub(super) fn rank(&self) -> f32 {
         self.evidence + self.preference
@@ -76,6 +76,29 @@ pub(super) struct Scene<'a> {
     pub mirrored: bool,
     pub upright: bool,
     pub params: &'a RobustParams,
+    pub memo: &'a Memo,
+}
+
+/// The shares of labels and sizes in the evidence of pairs, which no pose changes, of those that were asked for
+/// last: by object of the query and place in the index.
+pub(super) struct Memo(Vec<Cell<(u64, [f32; 2])>>);
+
+impl Memo {
+    /// For a query of so many objects.
+    pub(super) fn new(objects: usize) -> Self {
+        Self(vec![Cell::default(); (32 * objects).clamp(256, 1 << 15).next_power_of_two()])
+    }
+
+    fn of(&self, query: usize, slot: u32, make: impl FnOnce() -> [f32; 2]) -> [f32; 2] {
+        // No pair has the key 0, with which it begins.
+        let key = (query as u64 + 1) << 32 | u64::from(slot);
+        let at = (key.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 40) as usize & (self.0.len() - 1);
+        let Some(cell) = self.0.get(at) else { return make() };
+        if cell.get().0 != key {
+            cell.set((key, make()));
+        }
+        cell.get().1
+    }
 }
 
 impl<'a> Scene<'a> {
@@ -84,6 +107,7 @@ impl<'a> Scene<'a> {
         items: &'a [Item],
         query: &Query<'a>,
         params: &'a RobustParams,
+        memo: &'a Memo,
     ) -> Self {
         Self {
             index,
@@ -92,11 +116,12 @@ impl<'a> Scene<'a> {
             mirrored: false,
             upright: query.gravity_aligned,
             params,
+            memo,
         }
     }
 
     /// Matches, fits, and matches again with narrower gates.
-    pub(super) fn refine(&self, pose: &Isometry3<f32>, work: &mut Work) -> Option<Hypothesis> {
+    pub(super) fn refine(&self, pose: &Isometry3<f32>, work: &mut Work) -> Option<Hypothesis<'a>> {
         let (mut pose, mut sigma) = (*pose, 0.35);
         for gate in [1.0, 0.8, 0.6, 0.6, 0.6, 0.6] {
             (pose, sigma) = self.fitted(&pose, gate, sigma, work)?;
@@ -111,7 +136,7 @@ impl<'a> Scene<'a> {
         most: &[f32],
         bar: f32,
         work: &mut Work,
-    ) -> Option<Hypothesis> {
+    ) -> Option<Hypothesis<'a>> {
         let pairs = self.pairs(pose, 1.0, 0.35, work)?;
         let hope: f32 = pairs.iter().map(|p| most[p.query]).sum();
         if hope > bar { self.refine(pose, work) } else { None }
@@ -156,7 +181,7 @@ impl<'a> Scene<'a> {
     }
 
     /// A refined pose, refined until it rests: candidates come near it from different sides.
-    pub(super) fn settled(&self, h: &Hypothesis, work: &mut Work) -> Option<Hypothesis> {
+    pub(super) fn settled(&self, h: &Hypothesis<'_>, work: &mut Work) -> Option<Hypothesis<'a>> {
         let (mut pose, mut sigma) = (h.pose, h.sigma);
         let at = super::vote::centre(self.query);
         for _ in 0..SETTLE {
@@ -171,8 +196,8 @@ impl<'a> Scene<'a> {
     }
 
     /// Noise per axis of pairs under a pose that was fitted to them.
-    fn noise(&self, pose: &Isometry3<f32>, pairs: &[Pair]) -> f32 {
-        let horizontal = |p: &Pair| {
+    fn noise(&self, pose: &Isometry3<f32>, pairs: &[Pair<'_>]) -> f32 {
+        let horizontal = |p: &Pair<'_>| {
             let d = pose * self.query[p.query].p - p.item.p;
             d.x * d.x + d.y * d.y
         };
@@ -183,16 +208,17 @@ impl<'a> Scene<'a> {
     }
 
     /// One-to-one pairs of positive evidence within a gate, best first. `None`: out of budget.
-    fn pairs(&self, pose: &Isometry3<f32>, gate: f32, sigma: f32, work: &mut Work) -> Option<Vec<Pair>> {
+    fn pairs(&self, pose: &Isometry3<f32>, gate: f32, sigma: f32, work: &mut Work) -> Option<Vec<Pair<'a>>> {
         let mut all = Vec::new();
         for (k, q) in self.query.iter().enumerate() {
             let p = pose * q.p;
             let mut looked_at = 1;
             self.index.near(&p, gate, |slot, r| {
                 looked_at += 1;
-                let evidence = self.evidence(q, r, &p, sigma);
+                let fixed = self.memo.of(k, slot, || self.fixed(q, r));
+                let evidence = self.evidence_of(fixed, &p, &r.p, sigma);
                 if evidence > 0.0 {
-                    all.push(Pair { query: k, slot, item: *r, evidence, distance: (p - r.p).norm() });
+                    all.push(Pair { query: k, slot, item: r, evidence, distance: (p - r.p).norm() });
                 }
             });
             if !work.spend(looked_at) {
@@ -200,10 +226,10 @@ impl<'a> Scene<'a> {
             }
         }
         all.sort_by(|a, b| {
-            b.evidence.total_cmp(&a.evidence).then(a.query.cmp(&b.query)).then_with(|| a.item.order(&b.item))
+            b.evidence.total_cmp(&a.evidence).then(a.query.cmp(&b.query)).then_with(|| a.item.order(b.item))
         });
         let mut used_q = vec![false; self.query.len()];
-        let mut used_r = BTreeSet::new();
+        let mut used_r = Slots::with_capacity_and_hasher(all.len(), Default::default());
         all.retain(|p| {
             !used_q[p.query] && used_r.insert(p.slot) && {
                 used_q[p.query] = true;
@@ -215,12 +241,11 @@ impl<'a> Scene<'a> {
 
     /// Log-likelihood ratio of q at p and r being one object.
     pub(super) fn evidence(&self, q: &Item, r: &Item, p: &Point3<f32>, sigma: f32) -> f32 {
-        let label = self.label_ratio(q, r);
-        let (dx, dy, dz) = (p.x - r.p.x, p.y - r.p.y, p.z - r.p.z);
-        let flat = (dx * dx + dy * dy) / (2.0 * sigma * sigma);
-        let tau = std::f32::consts::TAU;
-        let place = 0.95 * (-flat).exp() / (tau * sigma * sigma * self.index.density()) + 0.02;
-        let high = (HEIGHT_SPREAD / sigma).max(1.0) * (-dz * dz / (2.0 * sigma * sigma)).exp();
+        self.evidence_of(self.fixed(q, r), p, &r.p, sigma)
+    }
+
+    /// The factors of labels and sizes.
+    fn fixed(&self, q: &Item, r: &Item) -> [f32; 2] {
         let size = if self.upright {
             let h = (q.size.height - r.size.height) / SIZE_NOISE[0];
             let f = (q.size.foot - r.size.foot) / SIZE_NOISE[1];
@@ -230,21 +255,39 @@ impl<'a> Scene<'a> {
             let a = (q.size.all - r.size.all) / SIZE_NOISE[2];
             SIZE_SPREAD / SIZE_NOISE[2] * (-0.5 * a * a).exp()
         };
-        (label * place * (0.9 * high + 0.1) * (0.8 * size + 0.2)).ln()
+        [self.label_ratio(q, r), 0.8 * size + 0.2]
+    }
+
+    /// The same of an object at p and one at r, given those factors.
+    fn evidence_of(&self, [label, size]: [f32; 2], p: &Point3<f32>, r: &Point3<f32>, sigma: f32) -> f32 {
+        let (dx, dy, dz) = (p.x - r.x, p.y - r.y, p.z - r.z);
+        let flat = (dx * dx + dy * dy) / (2.0 * sigma * sigma);
+        let tau = std::f32::consts::TAU;
+        let place = 0.95 * (-flat).exp() / (tau * sigma * sigma * self.index.density()) + 0.02;
+        let high = (HEIGHT_SPREAD / sigma).max(1.0) * (-dz * dz / (2.0 * sigma * sigma)).exp();
+        (label * place * (0.9 * high + 0.1) * size).ln()
     }
 
     /// `sum p_q(c) p_r(c) / pi(c)` over the classes that either names.
     fn label_ratio(&self, q: &Item, r: &Item) -> f32 {
-        let k = self.index.kinds();
+        let kinds = self.index.kinds();
+        let (other_q, other_r) = (q.other_probability(kinds), r.other_probability(kinds));
         let mut sum = 0.0;
-        for c in q.classes().chain(r.classes().filter(|c| !q.classes().any(|o| o == *c))) {
-            sum += q.probability(c, k) * r.probability(c, k) / self.index.share(c);
+        let mut add = |c: LabelId, p: f32, q: f32| sum += p * q / self.index.share(c);
+        for c in q.classes() {
+            let p = q.named_probability(c).unwrap_or(other_q);
+            add(c, p, r.named_probability(c).unwrap_or(other_r));
+        }
+        for c in r.classes() {
+            if q.named_probability(c).is_none() {
+                add(c, other_q, r.named_probability(c).unwrap_or(other_r));
+            }
         }
         sum.max(1e-3)
     }
 
     /// A pose as it is, without fitting it.
-    pub(super) fn judge_at(&self, pose: &Isometry3<f32>, work: &mut Work) -> Hypothesis {
+    pub(super) fn judge_at(&self, pose: &Isometry3<f32>, work: &mut Work) -> Hypothesis<'a> {
         let mut sigma = 0.2;
         for _ in 0..2 {
             if let Some(pairs) = self.pairs(pose, 0.6, sigma, work) {
@@ -264,13 +307,13 @@ impl<'a> Scene<'a> {
     }
 
     /// The pairs under a pose, and what is missing.
-    fn judge(&self, pose: Isometry3<f32>, sigma: f32, work: &mut Work) -> Option<Hypothesis> {
+    fn judge(&self, pose: Isometry3<f32>, sigma: f32, work: &mut Work) -> Option<Hypothesis<'a>> {
         let pairs = self.pairs(&pose, (4.0 * sigma).clamp(0.25, 0.8), sigma, work)?;
         let mut matched_q = vec![false; self.query.len()];
         pairs.iter().for_each(|p| matched_q[p.query] = true);
-        let matched_r: BTreeSet<u32> = pairs.iter().map(|p| p.slot).collect();
+        let matched_r: Slots = pairs.iter().map(|p| p.slot).collect();
         let mut query_missing = 0;
-        let mut in_view: BTreeSet<u32> = BTreeSet::new();
+        let mut in_view = Slots::default();
         for (k, q) in self.query.iter().enumerate() {
             let p = pose * q.p;
             let mut known = false;

@@ -19,7 +19,7 @@ const PER_BIN: usize = 1 << 13;
 
 /// The hash of keys that are well spread by one multiplication.
 #[derive(Default)]
-struct Mix(u64);
+pub(super) struct Mix(u64);
 
 impl Hasher for Mix {
     fn finish(&self) -> u64 {
@@ -28,6 +28,10 @@ impl Hasher for Mix {
 
     fn write(&mut self, bytes: &[u8]) {
         bytes.iter().for_each(|&b| self.write_u64(u64::from(b)));
+    }
+
+    fn write_u32(&mut self, v: u32) {
+        self.write_u64(u64::from(v));
     }
 
     fn write_u64(&mut self, v: u64) {
@@ -41,6 +45,10 @@ impl Hasher for Mix {
     reason = "looked up by key, never walked through: its order decides nothing"
 )]
 type Table<V> = std::collections::HashMap<u64, V, BuildHasherDefault<Mix>>;
+
+/// Places of items, to ask whether one is among them.
+#[allow(clippy::disallowed_types, reason = "never walked through: its order decides nothing")]
+pub(super) type Slots = std::collections::HashSet<u32, BuildHasherDefault<Mix>>;
 
 /// The size of an object in numbers that a turn about the vertical hardly changes.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -70,6 +78,8 @@ pub(super) struct Item {
     pub score: f32,
     /// The next best classes; unused ones have probability 0.
     pub others: [(LabelId, f32); Node::MAX_OTHERS],
+    /// Probability of all classes that it does not name, kept away from 0, and how many it names.
+    pub rest: (f32, f32),
     pub p: Point3<f32>,
     pub size: Size,
     pub bounds: Box3,
@@ -77,37 +87,44 @@ pub(super) struct Item {
 
 impl Item {
     pub(super) fn of(node: &Node) -> Self {
+        let mut others = [(LabelId::default(), 0.0); Node::MAX_OTHERS];
+        others.iter_mut().zip(node.others.iter()).for_each(|(slot, o)| *slot = o);
+        let score = node.score.clamp(0.05, 0.95);
+        let named = others.iter().filter(|o| o.1 > 0.0);
+        let rest = named.fold((1.0 - score, 1.0), |(rest, count), o| (rest - o.1, count + 1.0));
         Self {
             id: node.id,
             label: node.label,
-            score: node.score.clamp(0.05, 0.95),
-            others: std::array::from_fn(|k| node.others.get(k).copied().unwrap_or_default()),
+            score,
+            others,
+            rest: (rest.0.max(0.02), rest.1),
             p: node.bounds.centroid(),
             size: Size::of(node),
             bounds: node.bounds,
         }
     }
 
-    /// The classes that it names.
-    pub(super) fn classes(&self) -> impl Iterator<Item = LabelId> + '_ {
-        let others = self.others.iter().filter(|o| o.1 > 0.0).map(|o| o.0);
-        std::iter::once(self.label).chain(others)
+    /// The classes beside its label that it names, and their probabilities.
+    fn named(&self) -> impl Iterator<Item = &(LabelId, f32)> {
+        self.others.iter().filter(|o| o.1 > 0.0)
     }
 
-    /// Probability of a class; classes that are not listed share what is left.
-    pub(super) fn probability(&self, label: LabelId, kinds: f32) -> f32 {
+    /// The classes that it names, its label first.
+    pub(super) fn classes(&self) -> impl Iterator<Item = LabelId> + '_ {
+        std::iter::once(self.label).chain(self.named().map(|o| o.0))
+    }
+
+    /// Probability of a class that it names.
+    pub(super) fn named_probability(&self, label: LabelId) -> Option<f32> {
         if label == self.label {
-            return self.score;
+            return Some(self.score);
         }
-        let listed = self.others.iter().filter(|o| o.1 > 0.0);
-        let (mut rest, mut left) = (1.0 - self.score, kinds - 1.0);
-        for o in listed {
-            if o.0 == label {
-                return o.1;
-            }
-            (rest, left) = (rest - o.1, left - 1.0);
-        }
-        rest.max(0.02) / left.max(1.0)
+        self.named().find(|o| o.0 == label).map(|o| o.1)
+    }
+
+    /// Probability of each class that it does not name: they share what is left.
+    pub(super) fn other_probability(&self, kinds: f32) -> f32 {
+        self.rest.0 / (kinds - self.rest.1).max(1.0)
     }
 
     /// An order by content; ids decide only between objects that equal each other.
@@ -122,6 +139,39 @@ impl Item {
     }
 }
 
+/// An item as its neighbours see it.
+#[derive(Clone, Copy, Debug)]
+struct End {
+    slot: u32,
+    label: LabelId,
+    p: Point3<f32>,
+}
+
+impl End {
+    fn of(item: &Item, slot: u32) -> Self {
+        Self { slot, label: item.label, p: item.p }
+    }
+}
+
+/// An item as pairs are compared by: what is looked at most lies close together.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Brief {
+    pub p: Point3<f32>,
+    height: f32,
+    foot: f32,
+}
+
+impl Brief {
+    pub(super) fn of(item: &Item) -> Self {
+        Self { p: item.p, height: item.size.height, foot: item.size.foot }
+    }
+
+    /// Whether two objects may be one: sizes within a factor of two.
+    pub(super) fn alike(&self, other: &Self) -> bool {
+        (self.height - other.height).abs() < 0.7 && (self.foot - other.foot).abs() < 0.7
+    }
+}
+
 /// Objects of a reference by place, and its labelled pairs by distance.
 ///
 /// It can be kept beside a growing graph: [`Self::insert`] and [`Self::remove`] cost some
@@ -132,15 +182,19 @@ pub struct Index {
     range: f32,
     structure: Vec<LabelId>,
     items: Vec<Option<Item>>,
+    /// Of the items, those that are gone left as they were.
+    briefs: Vec<Brief>,
     free: Vec<u32>,
     slots: BTreeMap<NodeId, u32>,
-    cells: Table<Vec<u32>>,
+    cells: Table<Vec<End>>,
     /// Structure by the place of its centroid.
-    frame: Table<Vec<u32>>,
+    frame: Table<Vec<End>>,
     /// Half the longest diagonal of structure so far.
     longest: f32,
     pairs: Table<Vec<[u32; 2]>>,
-    labels: BTreeMap<LabelId, u32>,
+    /// Objects by label, and the number of labels that ever occurred.
+    labels: Vec<Option<u32>>,
+    kinds: usize,
     objects: usize,
     occupied: usize,
     entries: usize,
@@ -158,37 +212,48 @@ impl Index {
     pub fn of(graph: &SceneGraph, params: &RobustParams) -> Self {
         let mut index = Self::new(params);
         // In an order of content, so that ids do not decide what is kept of a crowd.
-        let mut nodes: Vec<(Item, &Node)> = graph.nodes().map(|n| (Item::of(n), n)).collect();
-        nodes.sort_by(|a, b| a.0.order(&b.0));
-        nodes.iter().for_each(|(_, n)| index.insert(n));
+        let mut items: Vec<Item> = graph.nodes().map(Item::of).collect();
+        items.sort_by(Item::order);
+        items.into_iter().for_each(|i| index.insert_item(i));
         index
     }
 
     /// Adds a node; one of the same id is replaced.
     pub fn insert(&mut self, node: &Node) {
         self.remove(node.id);
-        let item = Item::of(node);
+        self.insert_item(Item::of(node));
+    }
+
+    /// Adds an item of an id that is not there.
+    fn insert_item(&mut self, item: Item) {
         let structure = self.structure.contains(&item.label);
-        let near = if structure { Vec::new() } else { self.neighbours(&item) };
+        let near = if structure { Vec::new() } else { self.neighbours(&item.p) };
         let slot = self.free.pop().unwrap_or(self.items.len() as u32);
         if slot as usize == self.items.len() {
             self.items.push(None);
+            self.briefs.push(Brief::of(&item));
         }
         self.items[slot as usize] = Some(item);
+        self.briefs[slot as usize] = Brief::of(&item);
         self.slots.insert(item.id, slot);
         let cells = if structure { &mut self.frame } else { &mut self.cells };
         let cell = cells.entry(cell_key(cell(item.p.x), cell(item.p.y))).or_default();
         let first = cell.is_empty();
-        cell.push(slot);
+        cell.push(End::of(&item, slot));
         if structure {
             self.longest = self.longest.max(item.bounds.extent().norm() / 2.0);
             return;
         }
         self.occupied += usize::from(first);
         self.objects += 1;
-        *self.labels.entry(item.label).or_default() += 1;
-        for (other, o) in near {
-            for_orientations(&item, slot, &o, other, |key, pair| {
+        let label = usize::from(item.label.0);
+        if label >= self.labels.len() {
+            self.labels.resize(label + 1, None);
+        }
+        self.kinds += usize::from(self.labels[label].is_none());
+        *self.labels[label].get_or_insert(0) += 1;
+        for other in near {
+            for_orientations(&End::of(&item, slot), &other, |key, pair| {
                 let bin = self.pairs.entry(key).or_default();
                 if bin.len() < PER_BIN {
                     bin.push(pair);
@@ -207,7 +272,7 @@ impl Index {
         let cells = if structure { &mut self.frame } else { &mut self.cells };
         let mut last = false;
         if let Some(cell) = cells.get_mut(&cell_key(cell(item.p.x), cell(item.p.y))) {
-            cell.retain(|&s| s != slot);
+            cell.retain(|e| e.slot != slot);
             last = cell.is_empty();
         }
         if structure {
@@ -215,11 +280,11 @@ impl Index {
         }
         self.occupied -= usize::from(last);
         self.objects -= 1;
-        if let Some(n) = self.labels.get_mut(&item.label) {
+        if let Some(Some(n)) = self.labels.get_mut(usize::from(item.label.0)) {
             *n -= 1;
         }
-        for (other, o) in self.neighbours(&item) {
-            for_orientations(&item, slot, &o, other, |key, pair| {
+        for other in self.neighbours(&item.p) {
+            for_orientations(&End::of(&item, slot), &other, |key, pair| {
                 if let Some(list) = self.pairs.get_mut(&key)
                     && let Some(at) = list.iter().position(|p| *p == pair)
                 {
@@ -231,11 +296,11 @@ impl Index {
     }
 
     /// Objects with which one is paired.
-    fn neighbours(&self, item: &Item) -> Vec<(u32, Item)> {
+    fn neighbours(&self, p: &Point3<f32>) -> Vec<End> {
         let mut near = Vec::new();
-        self.near(&item.p, self.range, |slot, other| {
+        self.walk(false, p, self.range, |end| {
             if near.len() < NEIGHBOURS {
-                near.push((slot, *other));
+                near.push(*end);
             }
         });
         near
@@ -263,49 +328,55 @@ impl Index {
         self.items.get(slot as usize)?.as_ref()
     }
 
+    /// What pairs with the item at a place are compared by.
+    pub(super) fn brief(&self, slot: u32) -> Option<&Brief> {
+        self.briefs.get(slot as usize)
+    }
+
     /// Structure whose box may touch a box, in no particular order.
-    pub(super) fn structure_near(&self, b: &Box3, f: impl FnMut(u32, &Item)) {
-        self.walk(true, &b.centroid(), b.extent().norm() / 2.0 + self.longest, f);
+    pub(super) fn structure_near<'a>(&'a self, b: &Box3, f: impl FnMut(u32, &'a Item)) {
+        self.structure_within(&b.centroid(), b.extent().norm() / 2.0 + self.longest, f);
     }
 
     /// Structure whose centroid is within a horizontal distance, in no particular order.
-    pub(super) fn structure_within(&self, p: &Point3<f32>, range: f32, f: impl FnMut(u32, &Item)) {
-        self.walk(true, p, range, f);
+    pub(super) fn structure_within<'a>(&'a self, p: &Point3<f32>, range: f32, f: impl FnMut(u32, &'a Item)) {
+        self.walk(true, p, range, self.items_of(f));
     }
 
     /// Objects within a horizontal distance, in no particular order.
-    pub(super) fn near(&self, p: &Point3<f32>, range: f32, f: impl FnMut(u32, &Item)) {
-        self.walk(false, p, range, f);
+    pub(super) fn near<'a>(&'a self, p: &Point3<f32>, range: f32, f: impl FnMut(u32, &'a Item)) {
+        self.walk(false, p, range, self.items_of(f));
     }
 
-    fn walk(&self, structure: bool, p: &Point3<f32>, range: f32, mut f: impl FnMut(u32, &Item)) {
-        let mut check = |slot: u32, item: &Item| {
-            let (dx, dy) = (item.p.x - p.x, item.p.y - p.y);
+    fn items_of<'a>(&'a self, mut f: impl FnMut(u32, &'a Item)) -> impl FnMut(&End) {
+        move |end| {
+            if let Some(item) = self.item(end.slot) {
+                f(end.slot, item);
+            }
+        }
+    }
+
+    fn walk(&self, structure: bool, p: &Point3<f32>, range: f32, mut f: impl FnMut(&End)) {
+        let mut check = |end: &End| {
+            let (dx, dy) = (end.p.x - p.x, end.p.y - p.y);
             if dx * dx + dy * dy <= range * range {
-                f(slot, item);
+                f(end);
             }
         };
         let span = |v: f32| cell(v - range)..=cell(v + range);
         let cells = if structure { &self.frame } else { &self.cells };
         if (f64::from(range) / f64::from(CELL)).powi(2) > self.items.len() as f64 + 64.0 {
             // More cells than nodes: a box that spans kilometres, say.
-            for (slot, item) in self.items.iter().enumerate() {
-                if let Some(item) = item
-                    && self.structure.contains(&item.label) == structure
-                {
-                    check(slot as u32, item);
-                }
+            let there = self.items.iter().zip(0..).filter_map(|(i, slot)| Some((i.as_ref()?, slot)));
+            for (item, slot) in there.filter(|(i, _)| self.structure.contains(&i.label) == structure) {
+                check(&End::of(item, slot));
             }
             return;
         }
         for i in span(p.x) {
             for j in span(p.y) {
                 let list = cells.get(&cell_key(i, j)).map_or(&[][..], Vec::as_slice);
-                for &slot in list.iter().take(PER_CELL) {
-                    if let Some(item) = self.item(slot) {
-                        check(slot, item);
-                    }
-                }
+                list.iter().take(PER_CELL).for_each(&mut check);
             }
         }
     }
@@ -317,13 +388,13 @@ impl Index {
 
     /// Share of a label among all objects, smoothed.
     pub(super) fn share(&self, label: LabelId) -> f32 {
-        let n = self.labels.get(&label).copied().unwrap_or(0) as f32;
+        let n = self.labels.get(usize::from(label.0)).copied().flatten().unwrap_or(0) as f32;
         (n + 1.0) / (self.objects as f32 + self.kinds())
     }
 
     /// Number of labels, at least ten.
     pub(super) fn kinds(&self) -> f32 {
-        (self.labels.len() as f32).max(10.0)
+        (self.kinds as f32).max(10.0)
     }
 
     /// Objects per square metre where there are any.
@@ -351,15 +422,15 @@ fn pair_key([a, b]: [LabelId; 2], dxy: i32, dz: i32) -> u64 {
 }
 
 /// A pair of two labels is kept once, the smaller label first; one of equal labels both ways round.
-fn for_orientations(a: &Item, sa: u32, b: &Item, sb: u32, mut f: impl FnMut(u64, [u32; 2])) {
-    let mut put = |(a, sa): (&Item, u32), (b, sb): (&Item, u32)| {
+fn for_orientations(a: &End, b: &End, mut f: impl FnMut(u64, [u32; 2])) {
+    let mut put = |a: &End, b: &End| {
         let d = b.p - a.p;
-        f(pair_key([a.label, b.label], bin(d.x.hypot(d.y)), bin(d.z)), [sa, sb]);
+        f(pair_key([a.label, b.label], bin(d.x.hypot(d.y)), bin(d.z)), [a.slot, b.slot]);
     };
     if a.label <= b.label {
-        put((a, sa), (b, sb));
+        put(a, b);
     }
     if b.label <= a.label {
-        put((b, sb), (a, sa));
+        put(b, a);
     }
 }

@@ -282,20 +282,27 @@ fn fuse_classes(node: &mut Node, q: &Node, params: &RobustParams) {
     order.truncate(1 + Node::MAX_OTHERS);
     if let Some((&(label, score), rest)) = order.split_first() {
         (node.label, node.score) = (label, score);
-        node.others = rest.to_vec();
+        node.others = rest.iter().copied().collect();
     }
 }
 
-/// The box of the last view, extended towards what was known before by at most `slack` a side.
+/// The box of the last view, extended towards what was known before by at most `slack` a side, and along no
+/// axis beyond the longer of the two: where both are equally long, the object was displaced, not seen in part.
 fn combined(known: &Box3, seen: &Box3, slack: f32) -> Box3 {
     if slack == f32::MAX {
         return known.union(seen);
     }
-    let (lo, hi) = (seen.min(), seen.max());
-    let lo = lo.coords.zip_map(&known.min().coords, |s, k| k.clamp(s - slack, s));
-    let hi = hi.coords.zip_map(&known.max().coords, |s, k| k.clamp(s, s + slack));
-    let Ok(b) = Box3::new(((lo + hi) / 2.0).into(), (hi - lo).into()) else { return *seen };
-    match seen.footprint_of_both(known, &b.centroid()) {
+    let side = |k: usize| {
+        let (low, high) = (seen.min()[k], seen.max()[k]);
+        let below = (low - known.min()[k]).clamp(0.0, slack);
+        let above = (known.max()[k] - high).clamp(0.0, slack);
+        let lacking = (known.extent()[k] - seen.extent()[k]).max(0.0);
+        let share = if below + above > lacking { lacking / (below + above) } else { 1.0 };
+        (low - below * share, high + above * share)
+    };
+    let sides = [side(0), side(1), side(2)];
+    let Ok(b) = Box3::new(sides.map(|(l, h)| (l + h) / 2.0), sides.map(|(l, h)| h - l)) else { return *seen };
+    match seen.footprint_of_longer(known, &b.centroid()) {
         Some(f) => b.with_footprint(f).unwrap_or(b),
         None => b,
     }

@@ -27,7 +27,7 @@ mod vote;
 pub use index::Index;
 
 use crate::{LabelId, Match, Node, Outcome, Query, Vocabulary, Why};
-use evidence::{Hypothesis, Scene};
+use evidence::{Hypothesis, Memo, Scene};
 use index::Item;
 use nalgebra::{Isometry3, Point3};
 
@@ -66,7 +66,8 @@ pub struct RobustParams {
     pub patience: [u32; 2],
     /// A score from which one sighting counts as several.
     pub sure: f32,
-    /// By how much the box of the last view may be extended by what was known before, metres a side.
+    /// By how much the box of the last view may be extended by what was known before, metres a side; never
+    /// beyond the longer of the two.
     pub slack: f32,
     /// A node with at least this share of its box in that of another node of its class is a part of
     /// that one: of structure, of objects, and of objects whose classes differ but are each other's
@@ -213,7 +214,8 @@ pub fn align_counted(index: &Index, query: &Query<'_>, params: &RobustParams) ->
     if items.len() < params.fewest {
         return (Outcome::NoMatch { why: Why::SmallQuery }, 0);
     }
-    let scene = Scene::new(index, &items, query, params);
+    let memo = Memo::new(items.len());
+    let scene = Scene::new(index, &items, query, params, &memo);
     // A quarter stays for the mirror image and the last fits.
     let mut work = Work::new(params.budget - params.budget / 4);
     let found = search(&scene, query.prior.as_ref(), &mut work);
@@ -231,14 +233,15 @@ pub(crate) fn associate(
     params: &RobustParams,
 ) -> Match {
     let items = objects(query, params);
-    let scene = Scene::new(index, &items, query, params);
+    let memo = Memo::new(items.len());
+    let scene = Scene::new(index, &items, query, params, &memo);
     // No budget: the work is bounded by the objects near each other.
     let h = scene.judge_at(pose, &mut Work::new(u64::MAX));
     change::describe(query, &scene, &h, None)
 }
 
 /// Distinct refined candidates, best first.
-fn search(scene: &Scene<'_>, prior: Option<&Isometry3<f32>>, work: &mut Work) -> Vec<Hypothesis> {
+fn search<'a>(scene: &Scene<'a>, prior: Option<&Isometry3<f32>>, work: &mut Work) -> Vec<Hypothesis<'a>> {
     let (index, items, params) = (scene.index, scene.query, scene.params);
     // Half for the search, half for the verification, so that the one cannot starve the other.
     let mut searching = work.part(2);
@@ -253,7 +256,7 @@ fn search(scene: &Scene<'_>, prior: Option<&Isometry3<f32>>, work: &mut Work) ->
     candidates.extend(prior);
     work.take(&searching);
     let mut verifying = work.part(1);
-    let mut found: Vec<Hypothesis> =
+    let mut found: Vec<Hypothesis<'_>> =
         candidates.iter().filter_map(|c| scene.refine(c, &mut verifying)).collect();
     if let Some(prior) = prior {
         // A few noisy objects do not overrule what is known of the frames.
@@ -262,7 +265,7 @@ fn search(scene: &Scene<'_>, prior: Option<&Isometry3<f32>>, work: &mut Work) ->
     }
     found.sort_by(|a, b| b.rank().total_cmp(&a.rank()));
     let centre = vote::centre(items);
-    let mut distinct: Vec<Hypothesis> = Vec::new();
+    let mut distinct: Vec<Hypothesis<'_>> = Vec::new();
     for h in found {
         if !distinct.iter().any(|d| same_pose(&d.pose, &h.pose, &centre)) {
             distinct.push(h);
@@ -276,7 +279,7 @@ fn search(scene: &Scene<'_>, prior: Option<&Isometry3<f32>>, work: &mut Work) ->
 /// of a mirrored room agree, and parts of it that are symmetric fit. Where little of the query is
 /// explained, or gravity is unknown, the image is searched for everywhere, else at the place that was found
 /// alone: a room in which most of a mirrored one fits by chance is that room itself.
-fn mirror_fits_better(scene: &Scene<'_>, best: &Hypothesis, work: &mut Work) -> bool {
+fn mirror_fits_better(scene: &Scene<'_>, best: &Hypothesis<'_>, work: &mut Work) -> bool {
     let explained = EXPLAINED.map(|share| best.pairs.len() as f32 >= share * scene.query.len() as f32);
     if explained[1] && scene.upright {
         return false;
@@ -284,7 +287,8 @@ fn mirror_fits_better(scene: &Scene<'_>, best: &Hypothesis, work: &mut Work) -> 
     let mut items: Vec<Item> = scene.query.to_vec();
     items.iter_mut().for_each(|i| i.p.x = -i.p.x);
     items.sort_by(Item::order);
-    let image = Scene { query: &items, mirrored: !scene.mirrored, ..*scene };
+    let memo = Memo::new(items.len());
+    let image = Scene { query: &items, mirrored: !scene.mirrored, memo: &memo, ..*scene };
     let bar = best.evidence + scene.params.margin;
     if !explained[0] || !scene.upright {
         return search(&image, None, work).first().is_some_and(|m| m.evidence > bar);
@@ -307,13 +311,13 @@ fn same_pose(a: &Isometry3<f32>, b: &Isometry3<f32>, at: &Point3<f32>) -> bool {
 fn decide(
     query: &Query<'_>,
     scene: &Scene<'_>,
-    distinct: Vec<Hypothesis>,
+    distinct: Vec<Hypothesis<'_>>,
     exhausted: bool,
     spare: &mut Work,
 ) -> Outcome {
     let params = scene.params;
     let bar = ln_poses(scene, query) + params.accept;
-    let mut good: Vec<Hypothesis> = distinct.into_iter().filter(|h| acceptable(h, bar, params)).collect();
+    let mut good: Vec<Hypothesis<'_>> = distinct.into_iter().filter(|h| acceptable(h, bar, params)).collect();
     let Some(best) = good.first() else {
         return Outcome::NoMatch { why: if exhausted { Why::Budget } else { Why::NoSupport } };
     };
@@ -328,14 +332,14 @@ fn decide(
             *h = settled;
         }
     }
-    let answer = |h: &Hypothesis, margin: Option<f32>| change::describe(query, scene, h, margin);
+    let answer = |h: &Hypothesis<'_>, margin: Option<f32>| change::describe(query, scene, h, margin);
     if rivals > 1 {
         return Outcome::Ambiguous { candidates: good[..rivals].iter().map(|h| answer(h, None)).collect() };
     }
     Outcome::Match(answer(&good[0], margin))
 }
 
-fn acceptable(h: &Hypothesis, bar: f32, params: &RobustParams) -> bool {
+fn acceptable(h: &Hypothesis<'_>, bar: f32, params: &RobustParams) -> bool {
     let met = h.pairs.len();
     let should = met + h.query_missing.min(h.reference_missing);
     met >= params.fewest && met as f32 >= params.visible * should as f32 && h.evidence > bar

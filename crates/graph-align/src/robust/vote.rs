@@ -1,10 +1,9 @@
 //! Votes of labelled pairs for poses, and the correspondences behind the best of them.
 
-use super::index::{BIN, Index, Item, bin};
+use super::index::{BIN, Brief, Index, Item, bin};
 use super::{RobustParams, Work};
 use crate::fit;
 use nalgebra::{Isometry3, Point3, Vector3};
-use std::collections::BTreeMap;
 use std::f32::consts::{FRAC_PI_2, PI, TAU};
 
 /// Bins of yaw in a full turn.
@@ -84,21 +83,18 @@ impl Sorted {
         Self { order, bins }
     }
 
-    /// The bins that touch one, in nine runs of up to three.
+    /// The bins that touch one, in nine runs: those of one yaw and one x lie together.
     fn around(&self, b: &Bin) -> impl Iterator<Item = (usize, &(u64, u64, u32))> {
         let b = *b;
-        let rows = [-1, 0, 1].into_iter().flat_map(move |yaw| {
-            (b[1] - 1..=b[1] + 1)
-                .flat_map(move |x| (b[2] - 1..=b[2] + 1).map(move |y| [(b[0] + yaw).rem_euclid(YAWS), x, y]))
-        });
-        rows.flat_map(move |[yaw, x, y]| {
-            let (low, high) = (key(&[yaw, x, y, b[3] - 1]), key(&[yaw, x, y, b[3] + 1]));
+        let rows =
+            [-1, 0, 1].into_iter().flat_map(move |yaw| (b[1] - 1..=b[1] + 1).map(move |x| [b[0] + yaw, x]));
+        let mid = key(&b) & 0xffff;
+        rows.flat_map(move |[yaw, x]| {
+            let row = |y, z| key(&[yaw.rem_euclid(YAWS), x, y, z]);
+            let (low, high) = (row(b[2] - 1, b[3] - 1), row(b[2] + 1, b[3] + 1));
             let from = self.bins.partition_point(|b| b.0 < low);
-            self.bins[from..]
-                .iter()
-                .take_while(move |b| b.0 <= high)
-                .enumerate()
-                .map(move |(k, b)| (from + k, b))
+            let run = self.bins[from..].iter().take_while(move |b| b.0 <= high).enumerate();
+            run.filter(move |(_, b)| (b.0 & 0xffff).abs_diff(mid) <= 1).map(move |(k, b)| (from + k, b))
         })
     }
 
@@ -183,13 +179,15 @@ fn peaks(hits: &[Hit], sorted: &Sorted, count: usize, bins: usize) -> Vec<Bin> {
 /// The pose behind a peak: correspondences by the votes of the pairs that they are part of, taken
 /// one-to-one from the strongest on, then a least-squares fit.
 fn solve(index: &Index, query: &[Item], hits: &[Hit], sorted: &Sorted, peak: &Bin) -> Option<Isometry3<f32>> {
-    let mut votes: BTreeMap<(u16, u32), u64> = BTreeMap::new();
-    for h in sorted.hits_around(peak).map(|k| &hits[k]) {
-        for k in 0..2 {
-            *votes.entry((h.query[k], h.reference[k])).or_default() += u64::from(h.weight);
-        }
+    let near = sorted.hits_around(peak).map(|k| &hits[k]);
+    let mut votes: Vec<(u16, u32, u64)> = Vec::new();
+    for h in near {
+        votes.extend((0..2).map(|k| (h.query[k], h.reference[k], u64::from(h.weight))));
     }
-    let mut list: Vec<(u64, u16, u32)> = votes.into_iter().map(|((q, r), w)| (w, q, r)).collect();
+    votes.sort_unstable();
+    let same = |a: &(u16, u32, u64), b: &(u16, u32, u64)| (a.0, a.1) == (b.0, b.1);
+    let sum = |of: &[(u16, u32, u64)]| (of.iter().map(|v| v.2).sum::<u64>(), of[0].0, of[0].1);
+    let mut list: Vec<(u64, u16, u32)> = votes.chunk_by(same).map(sum).collect();
     list.sort_by(|a, b| {
         b.0.cmp(&a.0).then(a.1.cmp(&b.1)).then_with(|| match (index.item(a.2), index.item(b.2)) {
             (Some(x), Some(y)) => x.order(y),
@@ -211,14 +209,20 @@ fn solve(index: &Index, query: &[Item], hits: &[Hit], sorted: &Sorted, peak: &Bi
 }
 
 /// Whether two objects may be one: sizes within a factor of two.
-pub(super) fn alike(a: &Item, b: &Item) -> bool {
-    (a.size.height - b.size.height).abs() < 0.7 && (a.size.foot - b.size.foot).abs() < 0.7
+fn alike(a: &Item, b: &Item) -> bool {
+    Brief::of(a).alike(&Brief::of(b))
 }
 
 /// The pose that carries one pair onto another.
-fn hit(query: &[Item], [i, j]: [u16; 2], centre: &Point3<f32>, a: (u32, &Item), b: (u32, &Item)) -> Hit {
+fn hit(
+    query: &[Item],
+    [i, j]: [u16; 2],
+    centre: &Point3<f32>,
+    a: (u32, &Point3<f32>),
+    b: (u32, &Point3<f32>),
+) -> Hit {
     let (qa, qb) = (&query[i as usize], &query[j as usize]);
-    let (q, r) = (qb.p - qa.p, b.1.p - a.1.p);
+    let (q, r) = (qb.p - qa.p, b.1 - a.1);
     let (dot, cross) = (q.x * r.x + q.y * r.y, q.x * r.y - q.y * r.x);
     let n = length(dot, cross).max(1e-9);
     let (cos, sin) = (dot / n, cross / n);
@@ -227,7 +231,7 @@ fn hit(query: &[Item], [i, j]: [u16; 2], centre: &Point3<f32>, a: (u32, &Item), 
     Hit {
         query: [i, j],
         reference: [a.0, b.0],
-        bin: bin_of(angle(cross, dot), &(nalgebra::center(&a.1.p, &b.1.p) + turned)),
+        bin: bin_of(angle(cross, dot), &(nalgebra::center(a.1, b.1) + turned)),
         weight: 0,
     }
 }
@@ -288,11 +292,12 @@ fn indexed_hits(
         }
         let (qa, qb) = (&query[a as usize], &query[b as usize]);
         let d = qb.p - qa.p;
+        let (sa, sb) = (Brief::of(qa), Brief::of(qb));
         let from = hits.len();
         for &[ra, rb] in lists.into_iter().flatten() {
-            let (Some(ia), Some(ib)) = (index.item(ra), index.item(rb)) else { continue };
-            if fits(&d, &(ib.p - ia.p)) && alike(qa, ia) && alike(qb, ib) {
-                hits.push(hit(query, [a, b], centre, (ra, ia), (rb, ib)));
+            let (Some(ia), Some(ib)) = (index.brief(ra), index.brief(rb)) else { continue };
+            if fits(&d, &(ib.p - ia.p)) && sa.alike(ia) && sb.alike(ib) {
+                hits.push(hit(query, [a, b], centre, (ra, &ia.p), (rb, &ib.p)));
             }
         }
         share(&mut hits, from);
@@ -376,7 +381,7 @@ fn hits_among(
             for a in &candidates[i] {
                 for b in &candidates[j] {
                     if a.0 != b.0 && fits(&d, &(b.1.p - a.1.p)) {
-                        hits.push(hit(query, [i as u16, j as u16], centre, (a.0, &a.1), (b.0, &b.1)));
+                        hits.push(hit(query, [i as u16, j as u16], centre, (a.0, &a.1.p), (b.0, &b.1.p)));
                     }
                 }
             }

@@ -51,7 +51,7 @@ fn wide(size: [u32; 3]) -> [usize; 3] {
 }
 
 /// Distances between cells that are not as guessed, each the cells behind the one before.
-fn gaps<'a>(bits: &'a [u8], size: [usize; 3], guess: &'a Guess) -> impl Iterator<Item = u64> + 'a {
+fn gaps<'a>(bits: &'a [u8], size: [usize; 3], guess: &'a Guess) -> impl Iterator<Item = u64> + Clone + 'a {
     let mut next = 0;
     let surprise = move |at: &usize| bits[at / 8] >> (at % 8) & 1 != guess.of(bits, *at, size);
     (0..size.iter().product()).filter(surprise).map(move |at: usize| {
@@ -61,34 +61,37 @@ fn gaps<'a>(bits: &'a [u8], size: [usize; 3], guess: &'a Guess) -> impl Iterator
     })
 }
 
-pub(super) fn put(w: &mut Writer, l: &Looked) {
+pub(super) fn put(w: &mut Writer<'_>, l: &Looked) {
     w.number(to_cm(l.cell()).max(1) as u64);
     let (first, size) = l.span();
-    w.signed(&[0, 1, 2].map(|k| to_cm(l.origin()[k])));
-    w.signed(&first.map(i64::from));
-    w.column(&size.map(u64::from));
+    w.signed((0..3).map(|k| to_cm(l.origin()[k])));
+    w.signed(first.into_iter().map(i64::from));
+    w.column(size.into_iter().map(u64::from));
     let surprises = |guess: &Guess| gaps(l.bits(), wide(size), guess).count();
     // The first of equals.
     let Some((k, guess)) = GUESSES.iter().enumerate().min_by_key(|(_, g)| surprises(g)) else { return };
-    let gaps: Vec<u64> = gaps(l.bits(), wide(size), guess).collect();
+    let gaps = gaps(l.bits(), wide(size), guess);
     w.bits(k as u64, 3);
-    w.number(gaps.len() as u64);
-    w.column(&gaps);
+    w.number(gaps.clone().count() as u64);
+    w.column(gaps);
+}
+
+/// A column of three.
+fn three<T: Copy + Default>(mut column: impl Iterator<Item = T>) -> [T; 3] {
+    [(); 3].map(|()| column.next().unwrap_or_default())
 }
 
 pub(super) fn read(r: &mut Reader<'_>, frame_bytes: usize) -> Result<Looked, Error> {
     let cell = of_cm(i64::from(r.u32()?));
-    let origin = r.signed(3)?;
+    let origin = three(r.signed(3)?);
     if let Some(o) = origin.iter().find(|o| o.unsigned_abs() > 100_000_000) {
         return Err(r.bad(format!("origin {o} cm, want at most 1e6 m")));
     }
-    let first = r.signed(3)?;
-    let size = r.column(3, u64::from(u32::MAX))?;
+    let first = three(r.signed(3)?);
+    let sides = three(r.column(3, u64::from(u32::MAX))?).map(|s| s as u32);
     let mut low = [0_i32; 3];
-    let mut sides = [0_u32; 3];
     for k in 0..3 {
         low[k] = i32::try_from(first[k]).map_err(|_| r.bad("a cell beyond 32 bits"))?;
-        sides[k] = u32::try_from(size[k]).map_err(|_| r.bad("a side beyond 32 bits"))?;
     }
     if least_bytes(sides) > frame_bytes as u64 {
         return Err(r.bad(format!("a box of {sides:?} cells in a frame of {frame_bytes} bytes")));
@@ -103,7 +106,7 @@ pub(super) fn read(r: &mut Reader<'_>, frame_bytes: usize) -> Result<Looked, Err
     let gaps = r.column(count, cells as u64)?;
     let mut bits = vec![0_u8; cells.div_ceil(8)];
     let mut at = 0;
-    for gap in gaps.iter().copied().map(Some).chain([None]) {
+    for gap in gaps.map(Some).chain([None]) {
         let surprise = gap.map_or(cells, |g| at + g as usize);
         if surprise > cells || gap.is_some() && surprise == cells {
             return Err(r.bad("a surprise outside the box"));
@@ -114,6 +117,5 @@ pub(super) fn read(r: &mut Reader<'_>, frame_bytes: usize) -> Result<Looked, Err
             at += 1;
         }
     }
-    let origin = [origin[0], origin[1], origin[2]].map(of_cm);
-    Looked::from_bits(cell, origin, low, sides, &bits).map_err(|e| r.bad(e.to_string()))
+    Looked::from_bits(cell, origin.map(of_cm), low, sides, bits).map_err(|e| r.bad(e.to_string()))
 }

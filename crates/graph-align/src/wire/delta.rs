@@ -2,11 +2,10 @@
 
 use super::bits::{Reader, Writer};
 use super::{
-    DELTA, EDGE_BYTES, LOOKED, LOOKED_AS_BEFORE, MAX_EDGES, MAX_NODES, NODE_BYTES, cells, check_size, encode,
-    flags_of, head, only_way, open, padded, put_edges, put_name, put_nodes, read_edges, read_key, read_name,
-    read_nodes,
+    DELTA, FRAME, LOOKED, LOOKED_AS_BEFORE, cells, check_size, edges, encode, flags_of, head, nodes, open,
+    pad, put_name, read_counts, read_key, read_name,
 };
-use crate::{Edge, Error, Key, Node, Observation, SceneGraph, Vocabulary};
+use crate::{Edge, Error, Key, Node, NodeId, Observation, SceneGraph, Vocabulary};
 
 /// What `o` changes of `base`, an observation that the receiver has, as bytes. Worth it where few
 /// nodes changed: those that did travel whole.
@@ -14,7 +13,18 @@ use crate::{Edge, Error, Key, Node, Observation, SceneGraph, Vocabulary};
 /// # Errors
 /// As [`encode`].
 pub fn encode_delta(base: &Observation, o: &Observation, vocabulary: &Vocabulary) -> Result<Vec<u8>, Error> {
-    check_size(&o.graph)?;
+    check_size(&o.graph, &FRAME)?;
+    let mut w = Writer::default();
+    put(&mut w, base, o, vocabulary)?;
+    Ok(w.finish())
+}
+
+fn put(
+    w: &mut Writer<'_>,
+    base: &Observation,
+    o: &Observation,
+    vocabulary: &Vocabulary,
+) -> Result<(), Error> {
     let (old, new) = (base.graph.quantised(), o.graph.quantised());
     let nodes: Vec<&Node> = new.nodes().filter(|n| old.node(n.id) != Some(n)).collect();
     let edges: Vec<Edge> = new.edges().filter(|e| !has(&old, e)).collect();
@@ -24,19 +34,20 @@ pub fn encode_delta(base: &Observation, o: &Observation, vocabulary: &Vocabulary
         (Some(_), None) => LOOKED_AS_BEFORE,
         (None, None) => 0,
     };
-    let mut w = head(flags_of(&nodes) | DELTA | looked_flag, vocabulary);
+    head(w, flags_of(nodes.iter().copied()) | DELTA | looked_flag, vocabulary);
     w.bits(u64::from(fingerprint(&encode(base, vocabulary)?)), 32);
-    put_name(&mut w, o);
-    put_places(&mut w, old.nodes().map(|n| new.node(n.id).is_none()));
-    put_places(&mut w, survivors(&old, &new).map(|e| new.edge(e.s, e.t, e.p).is_none()));
+    put_name(w, &o.key, o.end_ds, o.frame);
+    put_places(w, old.nodes().map(|n| new.node(n.id).is_none()));
+    put_places(w, survivors(&old, &new).map(|e| new.edge(e.s, e.t, e.p).is_none()));
     w.number(nodes.len() as u64);
     w.number(edges.len() as u64);
-    put_nodes(&mut w, &nodes, o.end_ds);
-    put_edges(&mut w, &new, &edges);
+    nodes::put(w, nodes.iter().copied(), o.end_ds);
+    edges::put(w, &new, edges.iter().copied());
     if let Some(looked) = looked {
-        cells::put(&mut w, looked);
+        cells::put(w, looked);
     }
-    Ok(padded(w, nodes.len(), edges.len(), looked))
+    pad(w, nodes.len(), edges.len(), looked);
+    Ok(())
 }
 
 /// The observation of which `bytes` say what it changes of `base`.
@@ -62,10 +73,14 @@ pub fn decode_delta(bytes: &[u8], base: &Observation, vocabulary: &Vocabulary) -
     for k in read_places(&mut r, old.len())? {
         graph.remove_edge(&old[k]);
     }
-    let (n, m) =
-        (r.count(MAX_NODES, bytes.len() / NODE_BYTES)?, r.count(MAX_EDGES, bytes.len() / EDGE_BYTES)?);
-    read_nodes(&mut r, n, flags, end_ds, vocabulary)?.into_iter().for_each(|n| graph.insert_node(n));
-    for e in read_edges(&mut r, m, &graph, vocabulary)? {
+    let (n, m) = read_counts(&mut r, bytes.len(), &FRAME)?;
+    let mut nodes = nodes::Columns::read(&mut r, n, flags, end_ds, vocabulary)?;
+    for _ in 0..n {
+        graph.insert_node(nodes.node()?);
+    }
+    let ids: Vec<NodeId> = graph.nodes().map(|n| n.id).collect();
+    for ([s, t], p, score) in edges::Columns::read(&mut r, m, ids.len(), vocabulary)?.edges() {
+        let e = Edge { s: ids[s], t: ids[t], p, score };
         graph.remove_edge(&e);
         graph.insert_edge(e).map_err(|e| r.bad(e.to_string()))?;
     }
@@ -75,7 +90,10 @@ pub fn decode_delta(bytes: &[u8], base: &Observation, vocabulary: &Vocabulary) -
         (false, false) => None,
     };
     let o = Observation { key, end_ds, frame, graph, looked };
-    only_way(&encode_delta(base, &o, vocabulary)?, bytes)?;
+    check_size(&o.graph, &FRAME)?;
+    let mut again = Writer::against(bytes);
+    put(&mut again, base, &o, vocabulary)?;
+    again.same()?;
     Ok(o)
 }
 
@@ -98,17 +116,16 @@ fn has(graph: &SceneGraph, e: &Edge) -> bool {
 }
 
 /// Edges of `old` whose ends are still there.
-fn survivors<'a>(old: &'a SceneGraph, new: &'a SceneGraph) -> impl Iterator<Item = Edge> + 'a {
+fn survivors<'a>(old: &'a SceneGraph, new: &'a SceneGraph) -> impl Iterator<Item = Edge> + Clone + 'a {
     old.edges().filter(|e| new.node(e.s).is_some() && new.node(e.t).is_some())
 }
 
 /// Which of a list: how many, and the distance of each to the one before.
-fn put_places(w: &mut Writer, list: impl Iterator<Item = bool>) {
+fn put_places(w: &mut Writer<'_>, list: impl Iterator<Item = bool> + Clone) {
+    w.number(list.clone().filter(|l| *l).count() as u64);
     let mut next = 0;
-    let of = |(k, _): (usize, bool)| (k - std::mem::replace(&mut next, k + 1)) as u64;
-    let gaps: Vec<u64> = list.enumerate().filter(|l| l.1).map(of).collect();
-    w.number(gaps.len() as u64);
-    w.column(&gaps);
+    let of = move |(k, _): (usize, bool)| (k - std::mem::replace(&mut next, k + 1)) as u64;
+    w.column(list.enumerate().filter(|l| l.1).map(of));
 }
 
 fn read_places(r: &mut Reader<'_>, of: usize) -> Result<Vec<usize>, Error> {

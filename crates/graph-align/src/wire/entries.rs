@@ -42,7 +42,8 @@ pub fn kind(bytes: &[u8], vocabulary: &Vocabulary) -> Result<Kind, Error> {
 /// # Errors
 /// More than [`MAX_KEYS`] keys.
 pub fn encode_retraction(r: &Retraction, vocabulary: &Vocabulary) -> Result<Vec<u8>, Error> {
-    let mut w = head(RETRACTION, vocabulary);
+    let mut w = Writer::default();
+    head(&mut w, RETRACTION, vocabulary);
     put_key(&mut w, &r.key);
     put_keys(w, &r.of)
 }
@@ -63,7 +64,9 @@ pub fn decode_retraction(bytes: &[u8], vocabulary: &Vocabulary) -> Result<Retrac
 /// # Errors
 /// More than [`MAX_KEYS`] keys.
 pub fn encode_gone(gone: &[Key], vocabulary: &Vocabulary) -> Result<Vec<u8>, Error> {
-    put_keys(head(GONE, vocabulary), gone)
+    let mut w = Writer::default();
+    head(&mut w, GONE, vocabulary);
+    put_keys(w, gone)
 }
 
 /// Reads [`encode_gone`].
@@ -82,7 +85,7 @@ fn open_as<'a>(bytes: &'a [u8], wanted: u8, vocabulary: &Vocabulary) -> Result<R
     if flags == wanted { Ok(r) } else { Err(r.bad(format!("flags {flags:#x}, want {wanted:#x}"))) }
 }
 
-fn put_keys(mut w: Writer, keys: &[Key]) -> Result<Vec<u8>, Error> {
+fn put_keys(mut w: Writer<'_>, keys: &[Key]) -> Result<Vec<u8>, Error> {
     if keys.len() > MAX_KEYS {
         return Err(Error::value("keys", format!("{}, want at most {MAX_KEYS}", keys.len())));
     }

@@ -1,12 +1,14 @@
 //! Snapshots as bytes.
 
-use super::{decode, encode, only_way};
+use super::{Content, Limits, decode_within, encode_within, only_way};
 use crate::replica::{Part, Snapshot};
-use crate::{Error, Key, Observation, VersionVector, Vocabulary};
+use crate::{Error, Key, VersionVector, Vocabulary};
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
 use std::collections::BTreeMap;
 
 const MAGIC: &[u8; 4] = b"MSS1";
+/// Most nodes and edges of a part.
+const PART: Limits = Limits { nodes: 1 << 22, edges: 1 << 24 };
 /// Most metres of a frame's shift.
 const FAR: f32 = 1e7;
 /// Bytes of a frame's number and pose.
@@ -17,7 +19,7 @@ const PART_BYTES: usize = 12;
 /// A snapshot as bytes: its graphs as frames, the poses of frames bit by bit.
 ///
 /// # Errors
-/// A part with more nodes or edges than a frame may hold.
+/// A part of more than 2^22 nodes or 2^24 edges, or of more than 4 GB.
 pub fn encode_snapshot(s: &Snapshot, vocabulary: &Vocabulary) -> Result<Vec<u8>, Error> {
     let mut w = MAGIC.to_vec();
     let vector = s.vector.encode();
@@ -25,7 +27,7 @@ pub fn encode_snapshot(s: &Snapshot, vocabulary: &Vocabulary) -> Result<Vec<u8>,
         w.extend(v.to_le_bytes());
     }
     w.extend(s.chain);
-    put_block(&mut w, &vector);
+    put_block(&mut w, &vector)?;
     w.extend((s.parts.len() as u32).to_le_bytes());
     for p in &s.parts {
         w.extend(p.root.to_le_bytes());
@@ -35,10 +37,9 @@ pub fn encode_snapshot(s: &Snapshot, vocabulary: &Vocabulary) -> Result<Vec<u8>,
             let (v, q) = (t.translation.vector, t.rotation.coords);
             v.iter().chain(q.iter()).for_each(|v| w.extend(v.to_le_bytes()));
         }
-        let graph = p.graph.clone();
         let key = Key { start_ds: 0, agent: 0, epoch: 0, seq: 0 };
-        let o = Observation { key, end_ds: 0, frame: p.root, graph, looked: None };
-        put_block(&mut w, &encode(&o, vocabulary)?);
+        let part = Content { key, end_ds: 0, frame: p.root, graph: &p.graph, looked: None };
+        put_block(&mut w, &encode_within(&part, vocabulary, &PART)?)?;
     }
     Ok(w)
 }
@@ -74,7 +75,7 @@ pub fn decode_snapshot(bytes: &[u8], vocabulary: &Vocabulary) -> Result<Snapshot
         if !frames.contains_key(&root) {
             return Err(r.bad(format!("a part without the pose of its own frame {root}")));
         }
-        let o = decode(r.block()?, vocabulary)?;
+        let o = decode_within(r.block()?, vocabulary, &PART)?;
         parts.push(Part { root, frames, graph: o.graph });
     }
     let s = Snapshot { window_ds, cut_ds, vector, chain, parts };
@@ -83,9 +84,13 @@ pub fn decode_snapshot(bytes: &[u8], vocabulary: &Vocabulary) -> Result<Snapshot
 }
 
 /// Bytes behind their length.
-fn put_block(w: &mut Vec<u8>, block: &[u8]) {
-    w.extend((block.len() as u32).to_le_bytes());
+fn put_block(w: &mut Vec<u8>, block: &[u8]) -> Result<(), Error> {
+    let bytes = u32::try_from(block.len());
+    let bytes =
+        bytes.map_err(|_| Error::value("part", format!("{} bytes, want at most 2^32", block.len())))?;
+    w.extend(bytes.to_le_bytes());
     w.extend(block);
+    Ok(())
 }
 
 struct Bytes<'a> {
