@@ -40,7 +40,7 @@ fn bench_writes_what_the_contract_asks_and_shards_resume() {
     let report = read(&dir.path().join("report.json"));
     assert_eq!(report["schema"], "ma3dsg-report/1");
     let rows = report["rows"].as_array().expect("rows");
-    assert_eq!(rows.len(), 20, "ten systems, two domains");
+    assert_eq!(rows.len(), 22, "eleven systems, two domains");
     for r in rows {
         let stem = format!("{}-scp-{}-6", r["system"].as_str().unwrap(), r["domain"]);
         let bytes = fs::read(dir.path().join("graphs").join(format!("{stem}.json"))).expect("graph");
