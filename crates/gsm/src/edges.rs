@@ -1,7 +1,7 @@
 //! Edges: concave creases and steps between the smoothed surfaces on the two sides of a pixel.
 
 use crate::Params;
-use crate::frame::{BAND, Frame, dot};
+use crate::frame::{BAND, EDGE, Frame, NO_PLANE, dot};
 use crate::lanes::{LANES, Lanes, load, same, some, wide};
 use rayon::prelude::*;
 
@@ -48,8 +48,11 @@ impl Test<'_> {
             let (k, m) = (u64::from_le_bytes(along), u64::from_le_bytes(across));
             // A pixel of a broken link is an edge, whatever the others do.
             let care = some(k) & some(m);
+            let own = load(&self.frame.smooth, row + x);
             if care == 0 {
-                edge.fill(1);
+                for (e, own) in edge.iter_mut().zip(own) {
+                    *e = EDGE | without(own);
+                }
                 continue;
             }
             let (place, i) = ([x, y], row + x);
@@ -65,9 +68,9 @@ impl Test<'_> {
                     or(&mut hit, self.creased(&sides[1], i));
                 }
             }
-            let own = load(&self.frame.smooth, row + x);
             for (j, e) in edge.iter_mut().enumerate() {
-                *e = u8::from((along[j] == 0) | (across[j] == 0) | (own[j] == 0.0)) | hit[j] as u8;
+                let cut = (along[j] == 0) | (across[j] == 0) | (own[j] == 0.0) | (hit[j] != 0);
+                *e = if cut { EDGE | without(own[j]) } else { 0 };
             }
         }
     }
@@ -157,6 +160,12 @@ impl Test<'_> {
         }
         hit
     }
+}
+
+/// Whether a pixel of smoothed depth `own` lacks a plane.
+#[inline(always)]
+fn without(own: f32) -> u8 {
+    if own == 0.0 { NO_PLANE } else { 0 }
 }
 
 #[inline(always)]

@@ -9,6 +9,10 @@ use crate::{DepthView, Intrinsics, Params, Stage};
 pub(crate) const RIGHT: u8 = 1;
 /// Link of a pixel to the one below is unbroken.
 pub(crate) const DOWN: u8 = 2;
+/// Pixel is a crease, a step or at an image edge: no seed of a region.
+pub(crate) const EDGE: u8 = 1;
+/// Pixel has no normal.
+pub(crate) const NO_PLANE: u8 = 2;
 
 /// Rows per band: bands are worked in parallel, and prefix sums start anew in each, whatever the number of threads.
 pub(crate) const BAND: usize = 32;
@@ -53,7 +57,7 @@ pub(crate) struct Frame {
     pub(crate) normal: [Vec<f32>; 3],
     /// Cosine between normal and viewing ray.
     pub(crate) cos: Vec<f32>,
-    /// 1 = crease, step or image edge: no seed of a region.
+    /// [`EDGE`] and [`NO_PLANE`] bits.
     pub(crate) edge: Vec<u8>,
     /// Region of the pixel, 1.., 0 = none.
     pub(crate) label: Vec<u32>,
@@ -61,7 +65,6 @@ pub(crate) struct Frame {
     pub(crate) region_size: Vec<u32>,
     pub(crate) valid: usize,
     pub(crate) runs: Runs,
-    pub(crate) queue: Vec<u32>,
 }
 
 impl Frame {
@@ -126,7 +129,7 @@ impl Frame {
         self.smooth = vec![0.0; n];
         self.normal = std::array::from_fn(|_| vec![0.0; n]);
         self.cos = vec![0.0; n];
-        self.edge = vec![1; n];
+        self.edge = vec![EDGE | NO_PLANE; n];
         self.label = vec![0; n];
         (self.width, self.height, self.factor) = (w, h, factor);
         (self.camera, self.source) = (Some(camera), Some(*source));

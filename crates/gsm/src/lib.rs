@@ -25,6 +25,7 @@
 //! The crate does no I/O, reads no clock and is deterministic: the same frames give the same map, bit for bit.
 
 mod associate;
+mod batch;
 mod bricks;
 mod budget;
 mod camera;
@@ -38,6 +39,8 @@ mod evict_bytes;
 mod frame;
 mod fuse;
 mod gravity;
+mod grow;
+mod image;
 mod lanes;
 mod links;
 mod map;

@@ -1,12 +1,12 @@
 //! The map and its frame loop.
 
 use crate::associate::{Association, Pose};
+use crate::batch::Ahead;
 use crate::bricks::Bricks;
-use crate::event::{Counts, FrameReport, SegmentId, Skip};
-use crate::frame::Frame;
+use crate::event::{Counts, FrameReport, SegmentId};
+use crate::image::Image;
 use crate::merge::Merges;
 use crate::predict::Prediction;
-use crate::samples::Samples;
 use crate::segment::{Segment, Surfel};
 use crate::segments::Segments;
 use crate::split::Splits;
@@ -53,8 +53,8 @@ pub enum Stage {
 #[derive(Debug)]
 pub struct Map {
     pub(crate) params: Params,
-    frame: Frame,
-    samples: Samples,
+    pub(crate) image: Image,
+    pub(crate) ahead: [Ahead; 2],
     pub(crate) store: Store,
     /// Times of the frames, the first one unused.
     pub(crate) times: Vec<f64>,
@@ -81,8 +81,8 @@ impl Map {
         let bricks = Bricks::new(params.brick, params.max_bricks);
         Ok(Self {
             params,
-            frame: Frame::default(),
-            samples: Samples::default(),
+            image: Image::default(),
+            ahead: Default::default(),
             store: Store { surfels: Surfels::default(), bricks, segments: Segments::default() },
             times: vec![f64::NAN],
             prediction: Prediction::default(),
@@ -106,52 +106,37 @@ impl Map {
     /// Like [`integrate`](Self::integrate), calling `done` at the end of every stage, so that the caller can time
     /// them.
     pub fn integrate_observed(&mut self, view: &DepthView<'_>, mut done: impl FnMut(Stage)) -> FrameReport {
-        let mut report = FrameReport { skipped: unusable(view), ..FrameReport::default() };
-        if report.skipped.is_some() {
-            return report;
-        }
-        self.frame.shrink(view, &self.params);
-        if let Some(camera) = &self.frame.camera {
-            self.samples.fit(camera, &self.params);
-        }
+        let mut report =
+            FrameReport { skipped: self.image.read(view, &self.params), ..FrameReport::default() };
         done(Stage::Shrink);
-        if self.frame.valid < 10 {
-            report.skipped = Some(Skip::NoDepth);
+        if report.skipped.is_some() {
             return report;
         }
         let pose = Pose::new(&view.world_from_camera);
         report.jumped = self.begin(&pose, view.time);
-        let (counts, events) = (&mut report.counts, &mut report.events);
-
-        // What the map expects to see.
-        let step = Step {
-            frame: &self.frame,
-            samples: &self.samples,
-            pose: &pose,
-            params: &self.params,
-            now: self.now,
-        };
-        counts.refused += visibility::look(step, &mut self.store.bricks, &mut self.visible);
+        self.look(&pose, &mut report);
         done(Stage::Look);
         if self.params.noise.is_independent() {
+            let step = step(&self.image, &self.params, &pose, self.now);
             self.prediction.gather(step, &self.visible, &self.store);
-            self.frame.steady(&self.prediction);
+            self.image.frame.steady(&self.prediction);
         }
         done(Stage::Predict);
+        self.image.segment(&self.params, &mut done);
+        self.learn(&pose, &mut report, &mut done);
+        report
+    }
 
-        // The image: one region per smooth surface.
-        self.frame.segment(&self.params, self.samples.pitch, &mut done);
-        self.samples.take(&self.frame, &self.params);
-        done(Stage::Samples);
+    /// What is in view, and what was looked through.
+    pub(crate) fn look(&mut self, pose: &Pose, report: &mut FrameReport) {
+        let step = step(&self.image, &self.params, pose, self.now);
+        report.counts.refused += visibility::look(step, &mut self.store.bricks, &mut self.visible);
+    }
 
-        // The map as the frame sees it.
-        let step = Step {
-            frame: &self.frame,
-            samples: &self.samples,
-            pose: &pose,
-            params: &self.params,
-            now: self.now,
-        };
+    /// The map takes over what the segmented image shows.
+    pub(crate) fn learn(&mut self, pose: &Pose, report: &mut FrameReport, done: &mut impl FnMut(Stage)) {
+        let step = step(&self.image, &self.params, pose, self.now);
+        let (counts, events) = (&mut report.counts, &mut report.events);
         let (association, votes, store) = (&mut self.association, &mut self.votes, &mut self.store);
         association.run(step, &self.visible, store, counts);
         done(Stage::Associate);
@@ -161,7 +146,6 @@ impl Map {
         self.splits.run(step, association, votes, store, events);
         done(Stage::Vote);
 
-        // The map learns the frame.
         fuse::label(step, association, votes, store, &mut self.verdicts);
         fuse::create(step, association, votes, store, counts);
         done(Stage::Fuse);
@@ -169,13 +153,12 @@ impl Map {
         counts.expired += expire(step, store, &mut self.sweep);
         store.segments.settle(events);
         self.merges.forget_closed(&store.segments);
-        self.count(&mut report.counts);
+        self.count(counts);
         done(Stage::Merge);
-        report
     }
 
     /// Counts the frame; true when the camera jumped.
-    fn begin(&mut self, pose: &Pose, time: f64) -> bool {
+    pub(crate) fn begin(&mut self, pose: &Pose, time: f64) -> bool {
         if self.now == 0 {
             self.store.segments.origin = pose.centre;
         }
@@ -188,10 +171,10 @@ impl Map {
     }
 
     fn count(&self, counts: &mut Counts) {
-        counts.working_size = (self.frame.width as u32, self.frame.height as u32);
-        counts.samples = self.samples.list.len() as u32;
-        counts.valid = self.frame.valid as u32;
-        counts.regions = self.frame.region_size.len() as u32 - 1;
+        counts.working_size = (self.image.frame.width as u32, self.image.frame.height as u32);
+        counts.samples = self.image.samples.list.len() as u32;
+        counts.valid = self.image.frame.valid as u32;
+        counts.regions = self.image.frame.region_size.len() as u32 - 1;
         counts.bricks = self.visible.len() as u32;
         counts.surfels = self.store.surfels.len() as u32;
         counts.segments = self.store.segments.open_slots().count() as u32;
@@ -203,17 +186,17 @@ impl Map {
         let slot = |&region: &u32| self.votes.segment_of.get(region as usize).copied().unwrap_or(0);
         let id =
             |s: u32| (s != 0 && self.store.segments.is_open(s - 1)).then(|| self.store.segments.id(s - 1));
-        (self.frame.width, self.frame.label.iter().map(slot).map(id).collect())
+        (self.image.frame.width, self.image.frame.label.iter().map(slot).map(id).collect())
     }
 
     /// Regions of the last integrated frame (1.., 0 = none), like [`frame_segments`](Self::frame_segments).
     pub fn frame_regions(&self) -> (usize, &[u32]) {
-        (self.frame.width, &self.frame.label)
+        (self.image.frame.width, &self.image.frame.label)
     }
 
     /// Edge pixels of the last integrated frame, like [`frame_segments`](Self::frame_segments).
     pub fn frame_edges(&self) -> (usize, Vec<bool>) {
-        (self.frame.width, self.frame.edge.iter().map(|&e| e != 0).collect())
+        (self.image.frame.width, self.image.frame.edge.iter().map(|&e| e != 0).collect())
     }
 
     /// Changes [`Params::max_pixels`] from the next frame on; see [`Budget`](crate::Budget).
@@ -293,15 +276,7 @@ fn expire(step: Step<'_>, store: &mut Store, sweep: &mut usize) -> u32 {
     expired
 }
 
-/// Why a frame cannot be used, if so.
-fn unusable(view: &DepthView<'_>) -> Option<Skip> {
-    let pixels = view.intrinsics.width() as usize * view.intrinsics.height() as usize;
-    if view.depth.len() != pixels {
-        return Some(Skip::WrongSize);
-    }
-    let q = view.world_from_camera.rotation.coords;
-    let t = view.world_from_camera.translation.vector;
-    let rotation = (q.norm() - 1.0).abs() < 1e-2;
-    let near = t.iter().all(|v| v.abs() < 1e5);
-    (!(rotation && near)).then_some(Skip::InvalidPose)
+/// The current frame, as the stages of the map see it.
+fn step<'a>(image: &'a Image, params: &'a Params, pose: &'a Pose, now: u32) -> Step<'a> {
+    Step { frame: &image.frame, samples: &image.samples, pose, params, now }
 }

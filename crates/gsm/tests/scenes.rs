@@ -281,6 +281,40 @@ fn odd_sizes_and_garbage_do_not_panic() {
 }
 
 #[test]
+fn frames_handed_over_at_once_give_the_same_map() {
+    // Frames 3 and 7 cannot be used, and the resolution has two pixels a sample.
+    let depth: Vec<_> = (0..11).map(|i| render(&corner(), &pose(i))).collect();
+    let nothing = vec![0.0; depth[0].len()];
+    let views: Vec<_> = (0..11)
+        .map(|i| match i {
+            3 => view(&nothing, pose(i), i),
+            7 => view(&depth[i][1..], pose(i), i),
+            _ => view(&depth[i], pose(i), i),
+        })
+        .collect();
+    let all = |map: &Map| -> Vec<_> {
+        map.surfels().map(|s| (s.position, s.normal, s.radius, s.confidence, s.segment)).collect()
+    };
+    for noise in [Profile::Ideal, Profile::TofPhone].map(NoiseModel::of) {
+        let params = Params { noise, max_samples: 3000, ..ideal() };
+        let mut one = Map::new(params.clone()).unwrap();
+        let want: Vec<_> = views.iter().map(|v| one.integrate(v)).collect();
+        assert_eq!(want.iter().filter(|r| r.skipped.is_some()).count(), 2);
+        for threads in 1..=4 {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            let mut map = Map::new(params.clone()).unwrap();
+            // Several calls, one of a single frame.
+            let reports: Vec<_> = pool.install(|| {
+                [&views[..6], &views[6..7], &views[7..]].iter().flat_map(|v| map.integrate_all(v)).collect()
+            });
+            assert_eq!(reports, want, "{threads} threads");
+            assert_eq!(all(&map), all(&one), "{threads} threads");
+            assert_eq!(map.frame_segments(), one.frame_segments(), "{threads} threads");
+        }
+    }
+}
+
+#[test]
 fn a_full_map_refuses_and_counts() {
     let params = Params { max_surfels: 500, max_bricks: 20, ..ideal() };
     let mut map = Map::new(params).unwrap();

@@ -3,7 +3,7 @@
 //!
 //! `cargo run --release -p ma3dsg-gsm --example folder_to_ply -- DIR OUT.ply [options]`
 //! options: `--pixels N` (working pixels), `--noise structured|tof|ideal`, `--reverse`, `--passes N`,
-//! `--turn SEED` (poses pre-multiplied by a random rigid transform), `--threads N` (default 1), `--coverage` (share of voxels hit), `--set FIELD=VALUE`.
+//! `--turn SEED` (poses pre-multiplied by a random rigid transform), `--threads N` (default 1), `--batch N` (frames handed over at once), `--coverage` (share of voxels hit), `--set FIELD=VALUE`.
 //! Times are CPU of all threads, and wall.
 #![allow(clippy::print_stdout, reason = "a command-line example")]
 
@@ -37,33 +37,48 @@ fn run(options: &Options) -> Result<()> {
     }
     let mut frames = recording.frames;
     frames.iter_mut().for_each(|f| f.world_from_camera = world * f.world_from_camera);
+    let views: Vec<_> = frames
+        .iter()
+        .map(|f| DepthView {
+            depth: &f.depth,
+            intrinsics,
+            world_from_camera: f.world_from_camera,
+            time: f.time,
+        })
+        .collect();
     for pass in 0..options.passes {
         let (mut total, mut wall) = (Vec::new(), Vec::new());
-        for (i, frame) in frames.iter().enumerate() {
-            let Frame { depth, world_from_camera, time } = frame;
-            let view = DepthView { depth, intrinsics, world_from_camera: *world_from_camera, time: *time };
+        for (n, batch) in views.chunks(options.batch).enumerate() {
             let (start, begun) = (cpu_ms(), now());
             clock.last = start;
-            let report = map.integrate_observed(&view, |stage| clock.stop(stage as usize));
-            total.push(cpu_ms() - start);
-            wall.push(begun.elapsed().as_secs_f64() * 1e3);
-            skipped += usize::from(report.skipped.is_some());
-            events += report.events.len();
-            if options.verbose {
-                println!("{i} {:?} {:?}", report.counts, report.events);
+            let reports = if let [one] = batch {
+                vec![map.integrate_observed(one, |stage| clock.stop(stage as usize))]
+            } else {
+                map.integrate_all(batch)
+            };
+            total.push((cpu_ms() - start) / batch.len() as f64);
+            wall.push(begun.elapsed().as_secs_f64() * 1e3 / batch.len() as f64);
+            for (i, report) in reports.iter().enumerate() {
+                skipped += usize::from(report.skipped.is_some());
+                events += report.events.len();
+                if options.verbose {
+                    println!("{} {:?} {:?}", n * options.batch + i, report.counts, report.events);
+                }
             }
         }
         total.sort_by(f64::total_cmp);
         wall.sort_by(f64::total_cmp);
         println!(
             "pass {pass}: {} frames ({skipped} skipped), median {:.2} ms, p95 {:.2} ms CPU; median {:.2} ms wall",
-            total.len(),
+            frames.len(),
             total[total.len() / 2],
             total[total.len() * 95 / 100],
             wall[wall.len() / 2]
         );
     }
-    clock.print(frames.len() * options.passes);
+    if options.batch == 1 {
+        clock.print(frames.len() * options.passes);
+    }
     let surfels = map.surfels().count();
     if let Some(file) = &options.frame {
         write_frame(file, &map)?;
@@ -158,6 +173,7 @@ struct Options {
     turn: Option<u64>,
     passes: usize,
     threads: usize,
+    batch: usize,
     coverage: bool,
     verbose: bool,
     frame: Option<PathBuf>,
@@ -180,6 +196,7 @@ impl Options {
             turn: None,
             passes: 1,
             threads: 1,
+            batch: 1,
             coverage: false,
             verbose: false,
             frame: None,
@@ -195,6 +212,7 @@ impl Options {
                 "--turn" => o.turn = Some(args.next().ok_or(usage)?.parse()?),
                 "--passes" => o.passes = args.next().ok_or(usage)?.parse()?,
                 "--coverage" => o.coverage = true,
+                "--batch" => o.batch = args.next().ok_or(usage)?.parse::<usize>()?.max(1),
                 "--threads" => o.threads = args.next().ok_or(usage)?.parse()?,
                 "--noise" => {
                     o.params.noise = NoiseModel::of(match args.next().ok_or(usage)?.as_str() {
