@@ -328,6 +328,11 @@ impl Index {
         self.items.get(slot as usize)?.as_ref()
     }
 
+    /// All items, structure too, in no particular order.
+    pub(super) fn all(&self) -> impl Iterator<Item = &Item> {
+        self.items.iter().flatten()
+    }
+
     /// What pairs with the item at a place are compared by.
     pub(super) fn brief(&self, slot: u32) -> Option<&Brief> {
         self.briefs.get(slot as usize)

@@ -14,6 +14,9 @@
 //! 4. *Changes.* Under the pose, every node is the same, relabelled, moved, or new; reference nodes
 //!    at places that the query looked at and that have no counterpart are removed.
 //!
+//! 5. *Second chance.* Where nothing was accepted, two graphs of rooms with known footprints are compared by the sides of
+//!    their boxes instead of centres and sizes: what was seen in part agrees in the sides that both saw.
+//!
 //! Sources: voting by labelled pairs and verification follow the survey of registration methods
 //! (CLIPPER, ROMAN, TEASER++) only in spirit; the likelihood ratio is our own.
 
@@ -21,6 +24,7 @@ mod change;
 mod evidence;
 mod index;
 pub(crate) mod merge;
+mod sides;
 mod tilt;
 mod vote;
 
@@ -194,6 +198,18 @@ const FEWEST_POSES: f32 = 10.0;
 /// above which it is not looked for: of 24,000 mirrored rooms none was explained by more than 6 objects of 7.
 const EXPLAINED: [f32; 2] = [0.6, 0.9];
 
+/// What a pose by sides takes beyond the bar, since its pairs were chosen among many: in all, and of pairs without
+/// structure; its margin; the share of the objects that should have been met; and the noise of centres, metres.
+struct BySides {
+    all: f32,
+    objects: f32,
+    margin: f32,
+    visible: f32,
+    noise: f32,
+}
+
+const BY_SIDES: BySides = BySides { all: 26.0, objects: 12.0, margin: 8.0, visible: 0.5, noise: 0.12 };
+
 /// The query's objects, in an order of content.
 fn objects(query: &Query<'_>, params: &RobustParams) -> Vec<Item> {
     let mut items: Vec<Item> =
@@ -221,7 +237,43 @@ pub fn align_counted(index: &Index, query: &Query<'_>, params: &RobustParams) ->
     let found = search(&scene, query.prior.as_ref(), &mut work);
     let mut spare = Work::new(params.budget / 4);
     let outcome = decide(query, &scene, found, work.exhausted, &mut spare);
+    if outcome == (Outcome::NoMatch { why: Why::NoSupport }) && query.gravity_aligned && query.prior.is_none()
+    {
+        let outcome = by_sides(query, &scene, &mut work);
+        return (outcome, work.spent() + spare.spent());
+    }
     (outcome, work.spent() + spare.spent())
+}
+
+/// The second chance of a query whose objects were seen in part: see [`sides`].
+fn by_sides(query: &Query<'_>, scene: &Scene<'_>, work: &mut Work) -> Outcome {
+    let refused = |why| Outcome::NoMatch { why };
+    let [found, mirrored] = sides::poses(scene.index, query.graph, scene.params, work);
+    let Some(best) = found.first() else { return refused(Why::NoSupport) };
+    let centre = vote::centre(scene.query);
+    let distinct =
+        |p: &&sides::Pose| !same_pose(&p.reference_from_query, &best.reference_from_query, &centre);
+    let margin = best.evidence - found.iter().find(distinct).map_or(0.0, |p| p.evidence);
+    let bar = ln_poses(scene, query) + scene.params.accept;
+    let (met, by_objects) = best.objects;
+    let sure = best.evidence > bar + BY_SIDES.all && by_objects > bar + BY_SIDES.objects;
+    let seen = met >= scene.params.fewest && met as f32 >= BY_SIDES.visible * best.common as f32;
+    if !(sure && seen && margin > BY_SIDES.margin && best.level) {
+        return refused(Why::NoSupport);
+    }
+    if mirrored.first().is_some_and(|m| m.evidence >= best.evidence) {
+        return refused(Why::Mirrored);
+    }
+    let h = Hypothesis {
+        pose: best.reference_from_query,
+        pairs: Vec::new(),
+        evidence: best.evidence,
+        preference: 0.0,
+        sigma: BY_SIDES.noise,
+        query_missing: 0,
+        reference_missing: 0,
+    };
+    Outcome::Match(change::describe(query, scene, &h, Some(margin)))
 }
 
 /// What became of every node if the query lies at `pose` as a matter of fact; nothing is searched or

@@ -27,14 +27,14 @@ const PAIR_GATE: f32 = 0.45;
 const UNIT: u32 = 1 << 20;
 
 /// A reference pair that looks like a query pair, and the bin of the pose under which it does.
-struct Hit {
-    query: [u16; 2],
-    reference: [u32; 2],
-    bin: Bin,
-    weight: u32,
+pub(super) struct Hit {
+    pub query: [u16; 2],
+    pub reference: [u32; 2],
+    pub bin: Bin,
+    pub weight: u32,
 }
 
-type Bin = [i32; 4];
+pub(super) type Bin = [i32; 4];
 
 /// The bin of a yaw and of the place where the query's centre lands.
 fn bin_of(yaw: f32, at: &Point3<f32>) -> Bin {
@@ -55,7 +55,7 @@ fn angle(y: f32, x: f32) -> f32 {
 }
 
 /// Hits in the order of their bins, bins as numbers that rise with [yaw, x, y, z].
-struct Sorted {
+pub(super) struct Sorted {
     /// Bin and place in the list of hits.
     order: Vec<(u64, u32)>,
     /// Bin, summed weight, and where it begins in `order`.
@@ -69,7 +69,7 @@ fn key(b: &Bin) -> u64 {
 }
 
 impl Sorted {
-    fn of(hits: &[Hit]) -> Self {
+    pub(super) fn of(hits: &[Hit]) -> Self {
         let mut order: Vec<(u64, u32)> = hits.iter().zip(0..).map(|(h, k)| (key(&h.bin), k)).collect();
         order.sort_unstable();
         let mut bins: Vec<(u64, u64, u32)> = Vec::new();
@@ -99,7 +99,7 @@ impl Sorted {
     }
 
     /// Places of the hits whose bins touch one.
-    fn hits_around(&self, b: &Bin) -> impl Iterator<Item = usize> {
+    pub(super) fn hits_around(&self, b: &Bin) -> impl Iterator<Item = usize> {
         self.around(b).flat_map(|(k, bin)| {
             let end = self.bins.get(k + 1).map_or(self.order.len(), |next| next.2 as usize);
             self.order[bin.2 as usize..end].iter().map(|o| o.1 as usize)
@@ -152,7 +152,7 @@ pub(super) fn centre(query: &[Item]) -> Point3<f32> {
 }
 
 /// Of the fullest `bins` those with the largest sums over themselves and their neighbours; no two of them touch.
-fn peaks(hits: &[Hit], sorted: &Sorted, count: usize, bins: usize) -> Vec<Bin> {
+pub(super) fn peaks(hits: &[Hit], sorted: &Sorted, count: usize, bins: usize) -> Vec<Bin> {
     let bin = |b: &(u64, u64, u32)| hits[sorted.order[b.2 as usize].1 as usize].bin;
     let mut best: Vec<(u64, Bin)> = sorted.bins.iter().map(|b| (b.1, bin(b))).collect();
     let order = |a: &(u64, Bin), b: &(u64, Bin)| b.0.cmp(&a.0).then(a.1.cmp(&b.1));

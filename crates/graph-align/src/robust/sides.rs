@@ -1,0 +1,589 @@
+//! Two views of one place that show different parts of its objects: their sides instead of their centres.
+//!
+//! Where an object was seen in part its centre and size say little, but a side that was seen is where it is. So boxes
+//! along the walls are compared side by side: for the distance d of two sides that would be one,
+//! `f(d) = (N(d; s) + exp(-|d| / l) / 2l) / 2`, a side that both saw or one that the image cut off somewhere. A pair is
+//! worth `ln` of the product over its six sides, times the window in which its counterpart might lie by chance, times the
+//! ratio of classes as in [`evidence`](super::evidence). Walls and floors take part: their sides are the surest.
+//!
+//! Every pair of boxes proposes the poses that lay one side on another in each direction; the fullest bins are fitted,
+//! reweighted by how surely each side was seen by both. The directions of the walls leave four turns.
+
+use super::index::{Index, Item};
+use super::vote::{self, Hit};
+use super::{RobustParams, Work};
+use crate::{LabelId, SceneGraph};
+use nalgebra::{Isometry3, Matrix3, Translation3, UnitQuaternion, Vector3};
+use std::f32::consts::{FRAC_PI_2, TAU};
+
+/// Noise of a side that was seen, metres.
+const NOISE: f32 = 0.04;
+/// Share of the sides that both saw, of boxes of no length; the length at which it is half of that, metres.
+const SEEN: f32 = 0.8;
+const LONG: f32 = 1.0;
+/// How far a side that was cut off lies from where it is, metres, and by how much of the length more.
+const CUT: [f32; 2] = [0.1, 0.3];
+/// Where a counterpart might lie by chance: m² on the ground times metres of height, at sizes as they come.
+const WINDOW: f32 = 4.0 * 4.0 * 1.5;
+/// What one pair may be worth, and what a pair by choice among several costs.
+const MOST: f32 = 12.0;
+const CHOICE: f32 = 0.7;
+/// Pairs of less likely classes propose no pose (natural log).
+const UNLIKELY: f32 = -2.0;
+/// Side of the bins of proposed shifts, metres; peaks that are looked at, and fitted, of so many bins; rounds of a fit.
+const BIN: f32 = 0.15;
+const PEAKS: usize = 32;
+const FITTED: usize = 12;
+const BINS: usize = 400;
+const ROUNDS: usize = 8;
+/// Noise of a side in the first round, on top of that of the last and in units of it: the bins are wide.
+const WIDE: f32 = 5.0;
+/// Bins of turn from one quarter to the next, so that they do not touch.
+const QUARTER: i32 = 7;
+/// Noise of the direction of an oblong box, radians, and how far off the walls a box counts as along them.
+const TURN_NOISE: f32 = 0.05;
+const ALONG: f32 = 0.2;
+/// Boxes lower than this are flat: their height is where they were seen, metres.
+const FLAT: f32 = 0.2;
+/// Boxes of one graph beyond which nothing is tried: this is for rooms, not for buildings.
+const MOST_BOXES: usize = 160;
+
+/// A pose that sides agree on.
+#[derive(Clone, Debug)]
+pub(super) struct Pose {
+    pub reference_from_query: Isometry3<f32>,
+    pub evidence: f32,
+    /// Pairs of which none is structure, and their share of the evidence: rooms of one plan have the same walls.
+    pub objects: (usize, f32),
+    /// Objects that should have been met: of the graph that has fewer where the other's are.
+    pub common: usize,
+    /// Whether something flat agrees in height: tall things that the image cut off at the top or below agree at
+    /// any height.
+    pub level: bool,
+}
+
+/// Boxes of one graph, in an order of content.
+struct Boxes {
+    items: Vec<Item>,
+    /// Sides, height and direction of each on the ground.
+    feet: Vec<([f32; 3], f32)>,
+    middle: Vector3<f32>,
+    /// The direction of the walls.
+    turn: f32,
+}
+
+impl Boxes {
+    /// None where too few footprints are known, or far too many.
+    fn of(items: impl Iterator<Item = Item>, fewest: usize) -> Option<Self> {
+        let known = items.filter(|i| i.bounds.footprint().is_some());
+        let mut items: Vec<Item> = known.take(MOST_BOXES + 1).collect();
+        if !(fewest..=MOST_BOXES).contains(&items.len()) {
+            return None;
+        }
+        items.sort_by(Item::order);
+        let foot = |i: &Item| {
+            let f = i.bounds.footprint()?;
+            Some(([f.sides[0], f.sides[1], i.bounds.extent().z], f.yaw))
+        };
+        let feet: Vec<_> = items.iter().filter_map(foot).collect();
+        let sum = items.iter().fold(Vector3::<f64>::zeros(), |s, i| s + i.p.coords.cast::<f64>());
+        let middle = (sum / items.len() as f64).cast::<f32>();
+        // Directions agree up to quarter turns: four times the angle is what is averaged.
+        let (mut sin, mut cos) = (0.0, 0.0);
+        for ([l, w, h], yaw) in &feet {
+            let weight = oblong(*l, *w) * l.max(*w) * h.max(0.1);
+            let (s, c) = (4.0 * yaw).sin_cos();
+            (sin, cos) = (sin + weight * s, cos + weight * c);
+        }
+        Some(Self { items, feet, middle, turn: sin.atan2(cos) / 4.0 })
+    }
+
+    /// The mirror image in x.
+    fn mirrored(&self) -> Self {
+        let items = self.items.iter().map(|i| Item { p: [-i.p.x, i.p.y, i.p.z].into(), ..*i }).collect();
+        let feet = self.feet.iter().map(|(sides, yaw)| (*sides, -yaw)).collect();
+        let middle = Vector3::new(-self.middle.x, self.middle.y, self.middle.z);
+        Self { items, feet, middle, turn: -self.turn }
+    }
+
+    /// As seen from the middle, turned.
+    fn turned(&self, turn: f32, structure: &[LabelId]) -> Vec<Slab> {
+        let (sin, cos) = turn.sin_cos();
+        let slab = |(item, &([l, w, h], yaw)): (&Item, &([f32; 3], f32))| {
+            let d = item.p.coords - self.middle;
+            let quarters = ((yaw + turn) / FRAC_PI_2).round();
+            let off = yaw + turn - quarters * FRAC_PI_2;
+            let [l, w] = if quarters.rem_euclid(2.0) == 0.0 { [l, w] } else { [w, l] };
+            let (s, c) = if off.abs() > ALONG { off.abs().sin_cos() } else { (0.0, 1.0) };
+            Slab {
+                centre: [cos * d.x - sin * d.y, sin * d.x + cos * d.y, d.z],
+                half: [l * c + w * s, l * s + w * c, h].map(|v| v.max(0.03) / 2.0),
+                structure: structure.contains(&item.label),
+                off,
+                oblong: oblong(l, w),
+            }
+        };
+        self.items.iter().zip(&self.feet).map(slab).collect()
+    }
+}
+
+/// How far from a square, 0 to 1.
+fn oblong(l: f32, w: f32) -> f32 {
+    (l - w).abs() / (l + w).max(1e-3)
+}
+
+/// A box along the axes of a frame that lies along the walls.
+#[derive(Clone, Copy)]
+struct Slab {
+    centre: [f32; 3],
+    half: [f32; 3],
+    structure: bool,
+    /// Its own direction against the axes, radians.
+    off: f32,
+    oblong: f32,
+}
+
+impl Slab {
+    fn is_flat(&self) -> bool {
+        self.half[2] < FLAT / 2.0 && self.half[0].min(self.half[1]) > FLAT / 2.0
+    }
+}
+
+/// `ln f` of the distance of two sides by steps of 1 / 128 m, for the lengths 0.1, 0.2, ... 3.2 m.
+struct Sides(Vec<[f32; 257]>);
+
+impl Sides {
+    fn new() -> Self {
+        let table = |class: i32| {
+            let seen = Seen::of(0.1 * 2f32.powi(class));
+            std::array::from_fn(|k| {
+                let d = k as f32 / 128.0;
+                (seen.share * bell(d, NOISE) + seen.cut(d)).ln()
+            })
+        };
+        Self((0..6).map(table).collect())
+    }
+
+    fn of(&self, length: f32) -> &[f32; 257] {
+        &self.0[(length / 0.1).log2().round().clamp(0.0, 5.0) as usize]
+    }
+}
+
+fn at(table: &[f32; 257], d: f32) -> f32 {
+    table[((d.abs() * 128.0) as usize).min(256)]
+}
+
+/// The chance that both saw a side of a box so long, and where the others lie.
+struct Seen {
+    share: f32,
+    reach: f32,
+}
+
+impl Seen {
+    fn of(length: f32) -> Self {
+        Self { share: SEEN / (1.0 + length / LONG), reach: CUT[0] + CUT[1] * length }
+    }
+
+    /// Density of a side that one of them did not see at a distance from the other's.
+    fn cut(&self, d: f32) -> f32 {
+        (1.0 - self.share) * (-d.abs() / self.reach).exp() / (2.0 * self.reach)
+    }
+}
+
+fn bell(d: f32, noise: f32) -> f32 {
+    (-0.5 * (d / noise).powi(2)).exp() / (noise * TAU.sqrt())
+}
+
+/// `ln` of `sum p_q(c) p_r(c) / pi(c)` for every pair, row by row of the reference; shares pi are those of both graphs.
+fn classes(reference: &[Item], query: &[Item]) -> Vec<f32> {
+    let mut mass: Vec<(LabelId, f32)> = Vec::new();
+    for item in reference.iter().chain(query) {
+        for c in item.classes() {
+            let p = item.named_probability(c).unwrap_or(0.0);
+            match mass.iter_mut().find(|m| m.0 == c) {
+                Some(m) => m.1 += p,
+                None => mass.push((c, p)),
+            }
+        }
+    }
+    mass.sort_by_key(|m| m.0);
+    let kinds = (mass.len() as f32).max(10.0);
+    let total: f32 = mass.iter().map(|m| m.1).sum::<f32>() + kinds;
+    let share = |c: LabelId| {
+        let m = mass.binary_search_by_key(&c, |m| m.0).map_or(0.0, |k| mass[k].1);
+        (m + 1.0) / total
+    };
+    let ratio = |r: &Item, q: &Item| {
+        let (other_r, other_q) = (r.other_probability(kinds), q.other_probability(kinds));
+        let of = |c| {
+            r.named_probability(c).unwrap_or(other_r) * q.named_probability(c).unwrap_or(other_q) / share(c)
+        };
+        let both = r.classes().chain(q.classes().filter(|&c| r.named_probability(c).is_none()));
+        both.map(of).sum::<f32>().max(1e-3).ln()
+    };
+    reference.iter().flat_map(|r| query.iter().map(move |q| (r, q))).map(|(r, q)| ratio(r, q)).collect()
+}
+
+/// Both graphs along the walls, under one of the four turns.
+struct Face<'a> {
+    reference: &'a [Slab],
+    query: &'a [Slab],
+    classes: &'a [f32],
+    sides: &'a Sides,
+}
+
+/// Places of two boxes, and what the pair is worth.
+type Pair = (usize, usize, f32);
+
+/// A turn beside that of the walls, and a shift.
+#[derive(Clone, Copy)]
+struct Motion {
+    turn: f32,
+    shift: [f32; 3],
+}
+
+/// A motion that rests.
+struct Fitted {
+    motion: Motion,
+    evidence: f32,
+    objects: (usize, f32),
+    common: usize,
+    level: bool,
+}
+
+impl Face<'_> {
+    /// What a pair is worth without its place: `d` are the centres' distances.
+    fn pair(&self, i: usize, j: usize, d: [f32; 3]) -> f32 {
+        let (r, q) = (&self.reference[i], &self.query[j]);
+        let mut sum = self.classes[i * self.query.len() + j] + WINDOW.ln();
+        for ((r, q), d) in r.half.iter().zip(q.half).zip(d) {
+            let table = self.sides.of(2.0 * r.max(q));
+            sum += at(table, d - (r - q)) + at(table, d + (r - q));
+        }
+        sum.min(MOST) - CHOICE
+    }
+
+    /// Shifts under which sides of two boxes coincide in every direction.
+    fn propose(&self, quarter: i32, hits: &mut Vec<Hit>, shifts: &mut Vec<[f32; 3]>) {
+        for (i, r) in self.reference.iter().enumerate() {
+            for (j, q) in self.query.iter().enumerate() {
+                if self.classes[i * self.query.len() + j] < UNLIKELY {
+                    continue;
+                }
+                let half: [f32; 3] = std::array::from_fn(|k| r.half[k] - q.half[k]);
+                let worth = self.pair(i, j, half.map(f32::abs));
+                if worth <= 0.0 {
+                    continue;
+                }
+                for corner in 0..8 {
+                    // Boxes of one length have one place.
+                    let one = |k: usize| half[k].abs() < NOISE / 2.0;
+                    if (0..3).any(|k| one(k) && corner >> k & 1 == 1) {
+                        continue;
+                    }
+                    let side = |k: usize| match (one(k), corner >> k & 1) {
+                        (true, _) => 0.0,
+                        (_, 0) => half[k],
+                        _ => -half[k],
+                    };
+                    let shift: [f32; 3] = std::array::from_fn(|k| r.centre[k] - q.centre[k] + side(k));
+                    let [x, y, z] = shift.map(|v| (v / BIN).floor() as i32);
+                    hits.push(Hit {
+                        query: [j as u16; 2],
+                        reference: [i as u32; 2],
+                        bin: [quarter, x, y, z],
+                        weight: (worth * 1000.0) as u32,
+                    });
+                    shifts.push(shift);
+                }
+            }
+        }
+    }
+
+    /// Pairs that choose each other, and what all are worth together.
+    fn pairs(&self, moved: &[[f32; 3]]) -> (Vec<Pair>, f32) {
+        let (n, m) = (self.reference.len(), self.query.len());
+        let mut best = (vec![(0.0, m); n], vec![(0.0, n); m]);
+        for (i, r) in self.reference.iter().enumerate() {
+            for (j, q) in moved.iter().enumerate() {
+                let worth = self.pair(i, j, std::array::from_fn(|k| r.centre[k] - q[k]));
+                if worth > best.0[i].0 {
+                    best.0[i] = (worth, j);
+                }
+                if worth > best.1[j].0 {
+                    best.1[j] = (worth, i);
+                }
+            }
+        }
+        let chosen =
+            |(i, &(worth, j)): (usize, &(f32, usize))| (j < m && best.1[j].1 == i).then_some((i, j, worth));
+        let pairs: Vec<Pair> = best.0.iter().enumerate().filter_map(chosen).collect();
+        let worth = pairs.iter().map(|p| p.2).sum();
+        (pairs, worth)
+    }
+
+    fn moved(&self, motion: &Motion) -> Vec<[f32; 3]> {
+        let (sin, cos) = motion.turn.sin_cos();
+        let [x, y, z] = motion.shift;
+        let turned = |c: [f32; 3]| [cos * c[0] - sin * c[1] + x, sin * c[0] + cos * c[1] + y, c[2] + z];
+        self.query.iter().map(|s| turned(s.centre)).collect()
+    }
+
+    /// The motion that the pairs imply: least squares over their sides, each by how surely both saw it.
+    fn fit(&self, pairs: &[Pair], moved: &[[f32; 3]], motion: &Motion, noise: f32) -> Option<Motion> {
+        let (mut a, mut b) = (Matrix3::<f64>::identity() * 1e-3, Vector3::<f64>::zeros());
+        let (mut up, mut weight_up) = (0.0, 1e-3);
+        let mut add = |row: &Vector3<f32>, off: f32, weight: f32| {
+            let row = row.cast::<f64>();
+            a += row * row.transpose() * f64::from(weight);
+            b += row * f64::from(off * weight);
+        };
+        for &(i, j, _) in pairs {
+            let (r, q) = (&self.reference[i], &self.query[j]);
+            let from: [f32; 3] = std::array::from_fn(|k| r.centre[k] - moved[j][k]);
+            let arm: [f32; 2] = std::array::from_fn(|k| moved[j][k] - motion.shift[k]);
+            let rows = [Vector3::new(-arm[1], 1.0, 0.0), Vector3::new(arm[0], 0.0, 1.0)];
+            for (k, (from, (r, q))) in from.iter().zip(r.half.iter().zip(q.half)).enumerate() {
+                let both = Seen::of(2.0 * r.max(q));
+                for off in [from - (r - q), from + (r - q)] {
+                    let seen = both.share * bell(off, noise);
+                    let weight = seen / (seen + both.cut(off));
+                    match rows.get(k) {
+                        Some(row) => add(row, off, weight),
+                        None => (up, weight_up) = (up + off * weight, weight_up + weight),
+                    }
+                }
+            }
+            let off = r.off - q.off - motion.turn;
+            if off.abs() < ALONG {
+                let weight = (NOISE / TURN_NOISE).powi(2) * r.oblong.min(q.oblong);
+                add(&Vector3::x(), off, weight);
+            }
+        }
+        let by = a.cholesky()?.solve(&b).cast::<f32>();
+        let [x, y, z] = motion.shift;
+        Some(Motion { turn: motion.turn + by.x, shift: [x + by.y, y + by.z, z + up / weight_up] })
+    }
+
+    fn is_structure(&self, &(i, j, _): &Pair) -> bool {
+        self.reference[i].structure || self.query[j].structure
+    }
+
+    /// Objects whose centres lie in the rectangle of the other graph's centres: of the graph that has fewer there.
+    fn common(&self, moved: &[[f32; 3]]) -> usize {
+        let reference: Vec<[f32; 3]> = self.reference.iter().map(|r| r.centre).collect();
+        let within = |slabs: &[Slab], centres: &[[f32; 3]], others: &[[f32; 3]]| {
+            let bounds = [0, 1].map(|k| {
+                others.iter().fold((f32::MAX, f32::MIN), |(low, high), c| (low.min(c[k]), high.max(c[k])))
+            });
+            let inside = |c: &[f32; 3]| (0..2).all(|k| bounds[k].0 <= c[k] && c[k] <= bounds[k].1);
+            slabs.iter().zip(centres).filter(|(s, c)| !s.structure && inside(c)).count()
+        };
+        within(self.reference, &reference, moved).min(within(self.query, moved, &reference))
+    }
+
+    /// Whether something flat lies at one height in both, one above the other.
+    fn is_level(&self, moved: &[[f32; 3]]) -> bool {
+        let mut agree = false;
+        for (i, r) in self.reference.iter().enumerate().filter(|(_, r)| r.is_flat()) {
+            for (j, q) in self.query.iter().enumerate().filter(|(_, q)| q.is_flat()) {
+                let over = (0..2).all(|k| (r.centre[k] - moved[j][k]).abs() < r.half[k] + q.half[k]);
+                let likely = self.classes[i * self.query.len() + j] > UNLIKELY;
+                agree |= over && likely && (r.centre[2] - moved[j][2]).abs() < 3.0 * NOISE;
+            }
+        }
+        agree
+    }
+
+    /// A proposed motion, fitted.
+    fn settle(&self, mut motion: Motion, work: &mut Work) -> Option<Fitted> {
+        for round in 0..ROUNDS {
+            if !work.spend((self.reference.len() * self.query.len()) as u64) {
+                return None;
+            }
+            let moved = self.moved(&motion);
+            let (pairs, _) = self.pairs(&moved);
+            let noise = NOISE * (1.5 + WIDE * 0.5f32.powi(round as i32));
+            motion = self.fit(&pairs, &moved, &motion, noise)?;
+            if motion.turn.abs() > 2.0 * ALONG {
+                return None;
+            }
+        }
+        let moved = self.moved(&motion);
+        let (pairs, evidence) = self.pairs(&moved);
+        let objects: Vec<f32> = pairs.iter().filter(|p| !self.is_structure(p)).map(|p| p.2).collect();
+        let objects = (objects.len(), objects.iter().sum());
+        Some(Fitted { motion, evidence, objects, common: self.common(&moved), level: self.is_level(&moved) })
+    }
+}
+
+/// Poses on which sides agree, of the query and of its mirror image, best first; empty where footprints are not known
+/// or the graphs are no rooms.
+pub(super) fn poses(
+    index: &Index,
+    query: &SceneGraph,
+    params: &RobustParams,
+    work: &mut Work,
+) -> [Vec<Pose>; 2] {
+    let fewest = params.fewest + 1;
+    let Some(reference) = Boxes::of(index.all().copied(), fewest) else { return Default::default() };
+    let Some(query) = Boxes::of(query.nodes().map(Item::of), fewest) else { return Default::default() };
+    let classes = classes(&reference.items, &query.items);
+    let mut find = |query: &Boxes| search(&reference, query, &classes, &params.structure, work);
+    [find(&query), find(&query.mirrored())]
+}
+
+fn search(
+    reference: &Boxes,
+    query: &Boxes,
+    classes: &[f32],
+    structure: &[LabelId],
+    work: &mut Work,
+) -> Vec<Pose> {
+    let sides = &Sides::new();
+    let slabs = reference.turned(-reference.turn, structure);
+    let turns: [f32; 4] = std::array::from_fn(|k| k as f32 * FRAC_PI_2 - query.turn);
+    let turned = turns.map(|turn| query.turned(turn, structure));
+    let face = |k: usize| Face { reference: &slabs, query: &turned[k], classes, sides };
+    let (mut hits, mut shifts) = (Vec::new(), Vec::new());
+    for k in 0..4 {
+        if !work.spend((slabs.len() * query.items.len()) as u64) {
+            return Vec::new();
+        }
+        face(k).propose(k as i32 * QUARTER, &mut hits, &mut shifts);
+    }
+    let sorted = vote::Sorted::of(&hits);
+    let mut starts = Vec::new();
+    for peak in vote::peaks(&hits, &sorted, PEAKS, BINS) {
+        if !work.spend((slabs.len() * query.items.len()) as u64) {
+            return Vec::new();
+        }
+        let k = peak[0] as usize / QUARTER as usize;
+        // The middle of what lies in the bin, by weight.
+        let (mut sum, mut total) = ([0.0; 3], 0.0);
+        for h in sorted.hits_around(&peak).filter(|&h| hits[h].bin == peak) {
+            let weight = hits[h].weight as f32;
+            (sum, total) = (std::array::from_fn(|k| sum[k] + weight * shifts[h][k]), total + weight);
+        }
+        let motion = Motion { turn: 0.0, shift: sum.map(|v| v / total) };
+        let (_, worth) = face(k).pairs(&face(k).moved(&motion));
+        starts.push((worth, k, motion));
+    }
+    starts.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let turn = |angle: f32| UnitQuaternion::from_axis_angle(&Vector3::z_axis(), angle);
+    let pose = |(_, k, motion): (f32, usize, Motion)| {
+        let Fitted { motion, evidence, objects, common, level } = face(k).settle(motion, work)?;
+        let rotation = turn(reference.turn + motion.turn + turns[k]);
+        let middle = reference.middle + turn(reference.turn) * Vector3::from(motion.shift);
+        let shift = Translation3::from(middle - rotation * query.middle);
+        Some(Pose {
+            reference_from_query: Isometry3::from_parts(shift, rotation),
+            evidence,
+            objects,
+            common,
+            level,
+        })
+    };
+    let mut found: Vec<Pose> = starts.into_iter().take(FITTED).filter_map(pose).collect();
+    found.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
+    found
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Box3, Footprint, Node, NodeId};
+
+    /// Boxes given by their lowest and highest corners.
+    fn graph(boxes: &[[[f32; 3]; 2]]) -> SceneGraph {
+        let mut graph = SceneGraph::default();
+        for (id, [low, high]) in boxes.iter().enumerate() {
+            let size: [f32; 3] = std::array::from_fn(|k| high[k] - low[k]);
+            let middle = std::array::from_fn(|k| (high[k] + low[k]) / 2.0);
+            let foot = Footprint { sides: [size[0], size[1]], yaw: 0.0 };
+            let bounds = Box3::new(middle, size).and_then(|b| b.with_footprint(foot)).expect("finite");
+            graph.insert_node(Node::new(NodeId(id as u64), LabelId(id as u16 % 3), bounds));
+        }
+        graph
+    }
+
+    fn best(reference: &[[[f32; 3]; 2]], query: &[[[f32; 3]; 2]]) -> Pose {
+        let params = RobustParams::default();
+        let index = Index::of(&graph(reference), &params);
+        let [found, _] = poses(&index, &graph(query), &params, &mut Work::new(1 << 20));
+        found.first().expect("a pose").clone()
+    }
+
+    /// Six pillars, and of one view a part in height.
+    fn pillars(low: f32, high: f32) -> Vec<[[f32; 3]; 2]> {
+        let feet = [[0.0, 0.0], [2.0, 0.3], [3.1, 1.9], [0.4, 2.6], [1.2, 1.3], [4.0, 3.0]];
+        let side = |k: usize| 0.3 + 0.11 * k as f32;
+        let pillar = |(k, [x, y]): (usize, [f32; 2])| [[x, y, low], [x + side(k), y + 0.4, high]];
+        feet.into_iter().enumerate().map(pillar).collect()
+    }
+
+    #[test]
+    fn sides_are_laid_on_sides() {
+        let floor = [[-1.0, -1.0, -0.05], [4.5, 3.5, 0.0]];
+        let (mut a, mut b) = (pillars(0.0, 2.0), pillars(0.0, 2.0));
+        // Half of the fifth is hidden from the one, half of the sixth from the other.
+        (a[4][1][0], b[5][0][0]) = (a[4][1][0] - 0.35, b[5][0][0] + 0.4);
+        a.push(floor);
+        b.push(floor);
+        let pose = best(&a, &b);
+        assert!(pose.reference_from_query.translation.vector.norm() < 0.01, "{pose:?}");
+        assert!(pose.reference_from_query.rotation.angle() < 0.01 && pose.level, "{pose:?}");
+        assert_eq!(pose.objects.0, 7);
+    }
+
+    #[test]
+    fn a_motion_of_both_moves_the_pose() {
+        let params = RobustParams::default();
+        let mut seen = [pillars(0.0, 2.0), pillars(0.0, 2.0)];
+        seen.iter_mut().for_each(|s| s.push([[-1.0, -1.0, -0.05], [4.5, 3.5, 0.0]]));
+        (seen[0][4][1][0], seen[1][2][0][1]) = (seen[0][4][1][0] - 0.35, seen[1][2][0][1] + 0.2);
+        let moved = |boxes: &[[[f32; 3]; 2]], yaw: f32, shift: [f32; 3]| {
+            let t = Isometry3::new(shift.into(), Vector3::z() * yaw);
+            let mut out = SceneGraph::default();
+            for n in graph(boxes).nodes() {
+                out.insert_node(Node { bounds: n.bounds.transformed(&t), ..n.clone() });
+            }
+            (out, t)
+        };
+        for k in 0..12 {
+            let k = k as f32;
+            let (a, of_a) = moved(&seen[0], 0.4 * k - 2.0, [3.0 * k, 7.0 - k, 0.1 * k]);
+            let (b, of_b) = moved(&seen[1], 2.9 - 0.7 * k, [9.0 - k, k * k, 1.0]);
+            let [found, _] = poses(&Index::of(&a, &params), &b, &params, &mut Work::new(1 << 20));
+            let off = of_a.inverse() * found[0].reference_from_query * of_b;
+            assert!(off.translation.vector.norm() < 0.02 && off.rotation.angle() < 0.005, "{k}: {off}");
+        }
+    }
+
+    #[test]
+    fn what_the_image_cut_off_at_one_height_is_not_level() {
+        let pose = best(&pillars(0.0, 0.6), &pillars(1.3, 1.9));
+        // All sides agree, at a height that is wrong by 1.3 m.
+        assert!(
+            (pose.reference_from_query.translation.z + 1.3).abs() < 0.05 && pose.evidence > 40.0,
+            "{pose:?}"
+        );
+        assert!(!pose.level, "{pose:?}");
+    }
+
+    #[test]
+    fn nothing_is_tried_beyond_the_budget_or_without_footprints() {
+        let params = RobustParams::default();
+        let graph = graph(&pillars(0.0, 2.0));
+        let index = Index::of(&graph, &params);
+        let mut work = Work::new(10);
+        assert!(poses(&index, &graph, &params, &mut work).iter().all(Vec::is_empty));
+        let mut bare = SceneGraph::default();
+        for n in graph.nodes() {
+            let bounds = Box3::new(n.bounds.centroid().into(), n.bounds.extent().into()).expect("finite");
+            bare.insert_node(Node { bounds, ..n.clone() });
+        }
+        let found = poses(&index, &bare, &params, &mut Work::new(1 << 20));
+        assert!(found.iter().all(Vec::is_empty));
+    }
+}

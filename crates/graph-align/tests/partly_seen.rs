@@ -1,0 +1,129 @@
+//! Two views of one room that show different parts of its objects, against the pose that they were made with.
+
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::print_stderr, reason = "a test")]
+
+mod common;
+#[allow(dead_code, reason = "each test binary uses its share")]
+#[path = "common/rooms.rs"]
+mod rooms;
+
+use graph_align::{
+    Box3, Footprint, LabelId, Node, NodeId, Outcome, Params, Query, RobustParams, SceneGraph, align,
+};
+use nalgebra::{Isometry3, Point3};
+use rooms::{Dice, any_pose};
+
+/// Label 0 is structure, label 1 what has no name, 2 to 7 are objects.
+fn params() -> Params {
+    let (structure, unnamed) = (vec![LabelId(0)], Some(LabelId(1)));
+    Params { robust: RobustParams { structure, unnamed, ..RobustParams::default() }, ..Params::default() }
+}
+
+/// Lowest and highest corner of an object along the walls, and its label.
+#[derive(Clone, Copy)]
+struct Thing([[f32; 3]; 2], u16);
+
+/// A room of 5 m by 4 m: floor, walls, and 18 boxes along the walls or on the floor.
+fn room(dice: &mut Dice) -> Vec<Thing> {
+    let mut things = vec![
+        Thing([[0.0, 0.0, -0.05], [5.0, 4.0, 0.0]], 0),
+        Thing([[0.0, -0.05, 0.0], [5.0, 0.0, 2.4]], 0),
+        Thing([[0.0, 4.0, 0.0], [5.0, 4.05, 2.4]], 0),
+        Thing([[-0.05, 0.0, 0.0], [0.0, 4.0, 2.4]], 0),
+        Thing([[5.0, 0.0, 0.0], [5.05, 4.0, 2.4]], 0),
+    ];
+    while things.len() < 23 {
+        let size = [dice.within(0.15, 1.2), dice.within(0.15, 1.2), dice.within(0.1, 1.2)];
+        let at = [dice.within(0.0, 5.0 - size[0]), dice.within(0.0, 4.0 - size[1]), dice.within(0.0, 1.2)];
+        let high = std::array::from_fn(|k| at[k] + size[k]);
+        let apart = |t: &Thing| (0..3).any(|k| t.0[0][k] > high[k] + 0.05 || at[k] > t.0[1][k] + 0.05);
+        if things.iter().all(apart) {
+            things.push(Thing([at, high], 2 + dice.below(6) as u16));
+        }
+    }
+    things
+}
+
+/// What a view shows of a room: what lies within a window, of three things in five only a part, every side off by up
+/// to 2 cm, four names in five lost.
+fn view(things: &[Thing], window: [[f32; 3]; 2], pose: &Isometry3<f32>, dice: &mut Dice) -> SceneGraph {
+    let mut graph = SceneGraph::default();
+    for (id, &Thing([low, high], label)) in things.iter().enumerate() {
+        let low: [f32; 3] = std::array::from_fn(|k| low[k].max(window[0][k]));
+        let high: [f32; 3] = std::array::from_fn(|k| high[k].min(window[1][k]));
+        if (0..3).any(|k| high[k] - low[k] < 0.02) {
+            continue;
+        }
+        let (mut low, mut high) = (low, high);
+        if dice.below(5) < 3 {
+            let (k, part) = (dice.below(2), dice.within(0.2, 0.6));
+            let cut = part * (high[k] - low[k]);
+            if dice.below(2) == 0 { low[k] += cut } else { high[k] -= cut }
+        }
+        for v in low.iter_mut().chain(&mut high) {
+            *v += dice.within(-0.02, 0.02);
+        }
+        let size: [f32; 3] = std::array::from_fn(|k| (high[k] - low[k]).max(0.01));
+        let middle = std::array::from_fn(|k| (high[k] + low[k]) / 2.0);
+        let bounds = Box3::new(middle, size).unwrap();
+        let bounds = bounds.with_footprint(Footprint { sides: [size[0], size[1]], yaw: 0.0 }).unwrap();
+        let label = if label > 1 && dice.below(5) > 0 { 1 } else { label };
+        let node = Node::new(NodeId(id as u64), LabelId(label), bounds.transformed(pose));
+        graph.insert_node(Node { score: dice.within(0.4, 0.9), ..node });
+    }
+    graph
+}
+
+const LEFT: [[f32; 3]; 2] = [[-1.0, -1.0, -1.0], [3.3, 5.0, 2.0]];
+const RIGHT: [[f32; 3]; 2] = [[1.7, -1.0, -1.0], [6.0, 5.0, 2.0]];
+
+/// Right, wrong and refused of a hundred rooms seen from two sides.
+fn count(change: impl Fn(&mut Vec<Thing>, &mut Dice), windows: [[[f32; 3]; 2]; 2]) -> [usize; 3] {
+    let mut counts = [0; 3];
+    for seed in 0..100 {
+        let mut dice = Dice(seed);
+        let mut things = room(&mut dice);
+        let truth = any_pose(&mut dice);
+        let reference = view(&things, windows[0], &Isometry3::identity(), &mut dice);
+        change(&mut things, &mut dice);
+        let query = view(&things, windows[1], &truth.inverse(), &mut dice);
+        let outcome = align(&reference, &Query::new(&query), &params());
+        let Outcome::Match(found) = outcome else {
+            counts[2] += 1;
+            continue;
+        };
+        let middle = truth.inverse() * Point3::new(2.5, 2.0, 1.0);
+        let off = (found.reference_from_query * middle - truth * middle).norm();
+        let turned = found.reference_from_query.rotation.angle_to(&truth.rotation);
+        let wrong = off > 0.3 || turned > 0.15;
+        if wrong {
+            eprintln!("{seed}: off by {off} m, {turned}; score {}, margin {:?}", found.score, found.margin);
+        }
+        counts[usize::from(wrong)] += 1;
+    }
+    counts
+}
+
+#[test]
+fn rooms_seen_in_part_are_found() {
+    let [right, wrong, refused] = count(|_, _| (), [LEFT, RIGHT]);
+    eprintln!("{right} right, {wrong} wrong, {refused} refused");
+    assert!(right >= 90 && wrong == 0, "{right} right, {wrong} wrong, {refused} refused");
+}
+
+#[test]
+fn another_room_of_the_same_size_is_not() {
+    let [right, wrong, _] = count(|things, dice| *things = room(dice), [LEFT, RIGHT]);
+    assert_eq!([right, wrong], [0, 0]);
+}
+
+#[test]
+fn a_mirrored_room_seen_in_part_is_not() {
+    let mirror = |things: &mut Vec<Thing>, _: &mut Dice| {
+        for Thing([low, high], _) in things {
+            (low[1], high[1]) = (4.0 - high[1], 4.0 - low[1]);
+        }
+    };
+    let [right, wrong, _] = count(mirror, [LEFT, RIGHT]);
+    assert_eq!([right, wrong], [0, 0]);
+}
