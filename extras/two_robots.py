@@ -61,8 +61,8 @@ def oracle(a, b, a_from_b):
             of_a[i], of_b[j] = j, i
 
     def graph(nodes, label):
-        keep = ("id", "centroid", "extent")
-        nodes = [{k: n[k] for k in keep} | {"label": label(k), "score": 0.95} for k, n in enumerate(nodes)]
+        keep = ("id", "centroid", "extent", "footprint")
+        nodes = [{k: n[k] for k in keep if k in n} | {"label": label(k), "score": 0.95} for k, n in enumerate(nodes)]
         return {"schema": "ma3dsg-graph/1", "nodes": nodes, "edges": [], "gravity_aligned": True}
 
     return graph(na, lambda i: f"k{i}"), graph(nb, lambda j: f"k{of_b[j]}" if j in of_b else f"u{j}"), len(of_a)

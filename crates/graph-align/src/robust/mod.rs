@@ -248,7 +248,10 @@ pub fn align_counted(index: &Index, query: &Query<'_>, params: &RobustParams) ->
 /// The second chance of a query whose objects were seen in part: see [`sides`].
 fn by_sides(query: &Query<'_>, scene: &Scene<'_>, work: &mut Work) -> Outcome {
     let refused = |why| Outcome::NoMatch { why };
-    let [found, mirrored] = sides::poses(scene.index, query.graph, scene.params, work);
+    let Some(views) = sides::Views::of(scene.index, query.graph, scene.params) else {
+        return refused(Why::NoSupport);
+    };
+    let found = views.poses(work);
     let Some(best) = found.first() else { return refused(Why::NoSupport) };
     let centre = vote::centre(scene.query);
     let distinct =
@@ -261,7 +264,7 @@ fn by_sides(query: &Query<'_>, scene: &Scene<'_>, work: &mut Work) -> Outcome {
     if !(sure && seen && margin > BY_SIDES.margin && best.level) {
         return refused(Why::NoSupport);
     }
-    if mirrored.first().is_some_and(|m| m.evidence >= best.evidence) {
+    if views.mirrored(work).first().is_some_and(|m| m.evidence >= best.evidence) {
         return refused(Why::Mirrored);
     }
     let h = Hypothesis {

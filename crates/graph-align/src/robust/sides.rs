@@ -39,12 +39,14 @@ const ROUNDS: usize = 8;
 /// Noise of a side in the first round, on top of that of the last and in units of it: the bins are wide.
 const WIDE: f32 = 5.0;
 /// Bins of turn from one quarter to the next, so that they do not touch.
-const QUARTER: i32 = 7;
+const QUARTER: usize = 7;
 /// Noise of the direction of an oblong box, radians, and how far off the walls a box counts as along them.
 const TURN_NOISE: f32 = 0.05;
 const ALONG: f32 = 0.2;
 /// Boxes lower than this are flat: their height is where they were seen, metres.
 const FLAT: f32 = 0.2;
+/// Boxes with so much space between them in some direction are no pair, metres.
+const APART: f32 = 0.5;
 /// Boxes of one graph beyond which nothing is tried: this is for rooms, not for buildings.
 const MOST_BOXES: usize = 160;
 
@@ -115,9 +117,11 @@ impl Boxes {
             let off = yaw + turn - quarters * FRAC_PI_2;
             let [l, w] = if quarters.rem_euclid(2.0) == 0.0 { [l, w] } else { [w, l] };
             let (s, c) = if off.abs() > ALONG { off.abs().sin_cos() } else { (0.0, 1.0) };
+            let sides = [l * c + w * s, l * s + w * c, h].map(|v| v.max(0.03));
             Slab {
                 centre: [cos * d.x - sin * d.y, sin * d.x + cos * d.y, d.z],
-                half: [l * c + w * s, l * s + w * c, h].map(|v| v.max(0.03) / 2.0),
+                half: sides.map(|v| v / 2.0),
+                length: sides.map(Sides::class),
                 structure: structure.contains(&item.label),
                 off,
                 oblong: oblong(l, w),
@@ -137,6 +141,8 @@ fn oblong(l: f32, w: f32) -> f32 {
 struct Slab {
     centre: [f32; 3],
     half: [f32; 3],
+    /// Classes of its lengths, see [`Sides`].
+    length: [u8; 3],
     structure: bool,
     /// Its own direction against the axes, radians.
     off: f32,
@@ -164,8 +170,8 @@ impl Sides {
         Self((0..6).map(table).collect())
     }
 
-    fn of(&self, length: f32) -> &[f32; 257] {
-        &self.0[(length / 0.1).log2().round().clamp(0.0, 5.0) as usize]
+    fn class(length: f32) -> u8 {
+        (length / 0.1).log2().round().clamp(0.0, 5.0) as u8
     }
 }
 
@@ -228,8 +234,20 @@ fn classes(reference: &[Item], query: &[Item]) -> Vec<f32> {
 struct Face<'a> {
     reference: &'a [Slab],
     query: &'a [Slab],
-    classes: &'a [f32],
     sides: &'a Sides,
+    /// Pairs that are worth something where their sides coincide.
+    likely: Vec<Likely>,
+}
+
+/// A pair of boxes.
+struct Likely {
+    i: u16,
+    j: u16,
+    /// What classes and window add, and whether the classes propose poses.
+    fixed: f32,
+    proposes: bool,
+    /// What it is worth where a side coincides in every direction.
+    most: f32,
 }
 
 /// Places of two boxes, and what the pair is worth.
@@ -251,51 +269,55 @@ struct Fitted {
     level: bool,
 }
 
-impl Face<'_> {
-    /// What a pair is worth without its place: `d` are the centres' distances.
-    fn pair(&self, i: usize, j: usize, d: [f32; 3]) -> f32 {
-        let (r, q) = (&self.reference[i], &self.query[j]);
-        let mut sum = self.classes[i * self.query.len() + j] + WINDOW.ln();
-        for ((r, q), d) in r.half.iter().zip(q.half).zip(d) {
-            let table = self.sides.of(2.0 * r.max(q));
-            sum += at(table, d - (r - q)) + at(table, d + (r - q));
+impl<'a> Face<'a> {
+    fn new(reference: &'a [Slab], query: &'a [Slab], classes: &[f32], sides: &'a Sides) -> Self {
+        let mut face = Self { reference, query, sides, likely: Vec::new() };
+        for (i, r) in reference.iter().enumerate() {
+            for (j, q) in query.iter().enumerate() {
+                let class = classes[i * query.len() + j];
+                let fixed = class + WINDOW.ln();
+                let most = face.worth(r, q, fixed, std::array::from_fn(|k| (r.half[k] - q.half[k]).abs()));
+                if most > 0.0 {
+                    let (i, j) = (i as u16, j as u16);
+                    face.likely.push(Likely { i, j, fixed, proposes: class > UNLIKELY, most });
+                }
+            }
+        }
+        face
+    }
+
+    /// What a pair is worth whose centres are `d` apart.
+    fn worth(&self, r: &Slab, q: &Slab, fixed: f32, d: [f32; 3]) -> f32 {
+        let mut sum = fixed;
+        for (k, d) in d.into_iter().enumerate() {
+            let (table, off) = (&self.sides.0[r.length[k].max(q.length[k]) as usize], r.half[k] - q.half[k]);
+            sum += at(table, d - off) + at(table, d + off);
         }
         sum.min(MOST) - CHOICE
     }
 
     /// Shifts under which sides of two boxes coincide in every direction.
     fn propose(&self, quarter: i32, hits: &mut Vec<Hit>, shifts: &mut Vec<[f32; 3]>) {
-        for (i, r) in self.reference.iter().enumerate() {
-            for (j, q) in self.query.iter().enumerate() {
-                if self.classes[i * self.query.len() + j] < UNLIKELY {
-                    continue;
-                }
-                let half: [f32; 3] = std::array::from_fn(|k| r.half[k] - q.half[k]);
-                let worth = self.pair(i, j, half.map(f32::abs));
-                if worth <= 0.0 {
-                    continue;
-                }
-                for corner in 0..8 {
-                    // Boxes of one length have one place.
-                    let one = |k: usize| half[k].abs() < NOISE / 2.0;
-                    if (0..3).any(|k| one(k) && corner >> k & 1 == 1) {
-                        continue;
-                    }
-                    let side = |k: usize| match (one(k), corner >> k & 1) {
-                        (true, _) => 0.0,
-                        (_, 0) => half[k],
-                        _ => -half[k],
-                    };
-                    let shift: [f32; 3] = std::array::from_fn(|k| r.centre[k] - q.centre[k] + side(k));
-                    let [x, y, z] = shift.map(|v| (v / BIN).floor() as i32);
-                    hits.push(Hit {
-                        query: [j as u16; 2],
-                        reference: [i as u32; 2],
-                        bin: [quarter, x, y, z],
-                        weight: (worth * 1000.0) as u32,
-                    });
-                    shifts.push(shift);
-                }
+        for pair in self.likely.iter().filter(|p| p.proposes) {
+            let (r, q) = (&self.reference[pair.i as usize], &self.query[pair.j as usize]);
+            let half: [f32; 3] = std::array::from_fn(|k| r.half[k] - q.half[k]);
+            // Boxes of one length have one place.
+            let one = half.map(|h| h.abs() < NOISE / 2.0);
+            for corner in (0..8).filter(|c| (0..3).all(|k| !one[k] || c >> k & 1 == 0)) {
+                let side = |k: usize| match (one[k], corner >> k & 1) {
+                    (true, _) => 0.0,
+                    (_, 0) => half[k],
+                    _ => -half[k],
+                };
+                let shift: [f32; 3] = std::array::from_fn(|k| r.centre[k] - q.centre[k] + side(k));
+                let [x, y, z] = shift.map(|v| (v / BIN).floor() as i32);
+                hits.push(Hit {
+                    query: [pair.j; 2],
+                    reference: [pair.i.into(); 2],
+                    bin: [quarter, x, y, z],
+                    weight: (pair.most * 1000.0) as u32,
+                });
+                shifts.push(shift);
             }
         }
     }
@@ -304,15 +326,19 @@ impl Face<'_> {
     fn pairs(&self, moved: &[[f32; 3]]) -> (Vec<Pair>, f32) {
         let (n, m) = (self.reference.len(), self.query.len());
         let mut best = (vec![(0.0, m); n], vec![(0.0, n); m]);
-        for (i, r) in self.reference.iter().enumerate() {
-            for (j, q) in moved.iter().enumerate() {
-                let worth = self.pair(i, j, std::array::from_fn(|k| r.centre[k] - q[k]));
-                if worth > best.0[i].0 {
-                    best.0[i] = (worth, j);
-                }
-                if worth > best.1[j].0 {
-                    best.1[j] = (worth, i);
-                }
+        for pair in &self.likely {
+            let (i, j) = (pair.i as usize, pair.j as usize);
+            let (r, q) = (&self.reference[i], &self.query[j]);
+            let d: [f32; 3] = std::array::from_fn(|k| r.centre[k] - moved[j][k]);
+            if (0..3).any(|k| d[k].abs() > r.half[k] + q.half[k] + APART) {
+                continue;
+            }
+            let worth = self.worth(r, q, pair.fixed, d);
+            if worth > best.0[i].0 {
+                best.0[i] = (worth, j);
+            }
+            if worth > best.1[j].0 {
+                best.1[j] = (worth, i);
             }
         }
         let chosen =
@@ -384,21 +410,18 @@ impl Face<'_> {
 
     /// Whether something flat lies at one height in both, one above the other.
     fn is_level(&self, moved: &[[f32; 3]]) -> bool {
-        let mut agree = false;
-        for (i, r) in self.reference.iter().enumerate().filter(|(_, r)| r.is_flat()) {
-            for (j, q) in self.query.iter().enumerate().filter(|(_, q)| q.is_flat()) {
-                let over = (0..2).all(|k| (r.centre[k] - moved[j][k]).abs() < r.half[k] + q.half[k]);
-                let likely = self.classes[i * self.query.len() + j] > UNLIKELY;
-                agree |= over && likely && (r.centre[2] - moved[j][2]).abs() < 3.0 * NOISE;
-            }
-        }
-        agree
+        let level = |r: &Slab, q: &Slab, m: &[f32; 3]| {
+            let over = (0..2).all(|k| (r.centre[k] - m[k]).abs() < r.half[k] + q.half[k]);
+            over && (r.centre[2] - m[2]).abs() < 3.0 * NOISE
+        };
+        let flat = || self.query.iter().zip(moved).filter(|(q, _)| q.is_flat());
+        self.reference.iter().filter(|r| r.is_flat()).any(|r| flat().any(|(q, m)| level(r, q, m)))
     }
 
     /// A proposed motion, fitted.
     fn settle(&self, mut motion: Motion, work: &mut Work) -> Option<Fitted> {
         for round in 0..ROUNDS {
-            if !work.spend((self.reference.len() * self.query.len()) as u64) {
+            if !work.spend(self.likely.len() as u64) {
                 return None;
             }
             let moved = self.moved(&motion);
@@ -417,48 +440,70 @@ impl Face<'_> {
     }
 }
 
-/// Poses on which sides agree, of the query and of its mirror image, best first; empty where footprints are not known
-/// or the graphs are no rooms.
-pub(super) fn poses(
-    index: &Index,
-    query: &SceneGraph,
-    params: &RobustParams,
-    work: &mut Work,
-) -> [Vec<Pose>; 2] {
-    let fewest = params.fewest + 1;
-    let Some(reference) = Boxes::of(index.all().copied(), fewest) else { return Default::default() };
-    let Some(query) = Boxes::of(query.nodes().map(Item::of), fewest) else { return Default::default() };
-    let classes = classes(&reference.items, &query.items);
-    let mut find = |query: &Boxes| search(&reference, query, &classes, &params.structure, work);
-    [find(&query), find(&query.mirrored())]
+/// Two graphs of rooms with known footprints.
+pub(super) struct Views<'a> {
+    reference: Boxes,
+    query: Boxes,
+    classes: Vec<f32>,
+    sides: Sides,
+    structure: &'a [LabelId],
 }
 
-fn search(
-    reference: &Boxes,
-    query: &Boxes,
-    classes: &[f32],
-    structure: &[LabelId],
-    work: &mut Work,
-) -> Vec<Pose> {
-    let sides = &Sides::new();
-    let slabs = reference.turned(-reference.turn, structure);
-    let turns: [f32; 4] = std::array::from_fn(|k| k as f32 * FRAC_PI_2 - query.turn);
-    let turned = turns.map(|turn| query.turned(turn, structure));
-    let face = |k: usize| Face { reference: &slabs, query: &turned[k], classes, sides };
-    let (mut hits, mut shifts) = (Vec::new(), Vec::new());
-    for k in 0..4 {
-        if !work.spend((slabs.len() * query.items.len()) as u64) {
-            return Vec::new();
+impl<'a> Views<'a> {
+    /// None where footprints are not known, or the graphs are no rooms.
+    pub(super) fn of(index: &Index, query: &SceneGraph, params: &'a RobustParams) -> Option<Self> {
+        let fewest = params.fewest + 1;
+        let query = Boxes::of(query.nodes().map(Item::of), fewest)?;
+        let reference = Boxes::of(index.all().copied(), fewest)?;
+        let classes = classes(&reference.items, &query.items);
+        Some(Self { reference, query, classes, sides: Sides::new(), structure: &params.structure })
+    }
+
+    /// Poses of the query on which sides agree, best first.
+    pub(super) fn poses(&self, work: &mut Work) -> Vec<Pose> {
+        self.search(&self.query, work)
+    }
+
+    /// The same of its mirror image.
+    pub(super) fn mirrored(&self, work: &mut Work) -> Vec<Pose> {
+        self.search(&self.query.mirrored(), work)
+    }
+
+    fn search(&self, query: &Boxes, work: &mut Work) -> Vec<Pose> {
+        let reference = &self.reference;
+        let slabs = reference.turned(-reference.turn, self.structure);
+        let turns: [f32; 4] = std::array::from_fn(|k| k as f32 * FRAC_PI_2 - query.turn);
+        let turned = turns.map(|turn| query.turned(turn, self.structure));
+        let mut faces = Vec::with_capacity(4);
+        for turned in &turned {
+            if !work.spend((slabs.len() * turned.len()) as u64) {
+                return Vec::new();
+            }
+            faces.push(Face::new(&slabs, turned, &self.classes, &self.sides));
         }
-        face(k).propose(k as i32 * QUARTER, &mut hits, &mut shifts);
+        let turn = |angle: f32| UnitQuaternion::from_axis_angle(&Vector3::z_axis(), angle);
+        let pose = |(_, k, motion): (f32, usize, Motion)| {
+            let Fitted { motion, evidence, objects, common, level } = faces[k].settle(motion, work)?;
+            let rotation = turn(reference.turn + motion.turn + turns[k]);
+            let middle = reference.middle + turn(reference.turn) * Vector3::from(motion.shift);
+            let shift = Translation3::from(middle - rotation * query.middle);
+            let reference_from_query = Isometry3::from_parts(shift, rotation);
+            Some(Pose { reference_from_query, evidence, objects, common, level })
+        };
+        let mut found: Vec<Pose> = starts(&faces).into_iter().filter_map(pose).collect();
+        found.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
+        found
+    }
+}
+
+/// The most promising proposals, best first: what they are worth as they are, the turn, the motion.
+fn starts(faces: &[Face<'_>]) -> Vec<(f32, usize, Motion)> {
+    let (mut hits, mut shifts) = (Vec::new(), Vec::new());
+    for (quarter, face) in (0..).step_by(QUARTER).zip(faces) {
+        face.propose(quarter, &mut hits, &mut shifts);
     }
     let sorted = vote::Sorted::of(&hits);
-    let mut starts = Vec::new();
-    for peak in vote::peaks(&hits, &sorted, PEAKS, BINS) {
-        if !work.spend((slabs.len() * query.items.len()) as u64) {
-            return Vec::new();
-        }
-        let k = peak[0] as usize / QUARTER as usize;
+    let start = |peak: vote::Bin| {
         // The middle of what lies in the bin, by weight.
         let (mut sum, mut total) = ([0.0; 3], 0.0);
         for h in sorted.hits_around(&peak).filter(|&h| hits[h].bin == peak) {
@@ -466,27 +511,13 @@ fn search(
             (sum, total) = (std::array::from_fn(|k| sum[k] + weight * shifts[h][k]), total + weight);
         }
         let motion = Motion { turn: 0.0, shift: sum.map(|v| v / total) };
-        let (_, worth) = face(k).pairs(&face(k).moved(&motion));
-        starts.push((worth, k, motion));
-    }
-    starts.sort_by(|a, b| b.0.total_cmp(&a.0));
-    let turn = |angle: f32| UnitQuaternion::from_axis_angle(&Vector3::z_axis(), angle);
-    let pose = |(_, k, motion): (f32, usize, Motion)| {
-        let Fitted { motion, evidence, objects, common, level } = face(k).settle(motion, work)?;
-        let rotation = turn(reference.turn + motion.turn + turns[k]);
-        let middle = reference.middle + turn(reference.turn) * Vector3::from(motion.shift);
-        let shift = Translation3::from(middle - rotation * query.middle);
-        Some(Pose {
-            reference_from_query: Isometry3::from_parts(shift, rotation),
-            evidence,
-            objects,
-            common,
-            level,
-        })
+        let k = peak[0] as usize / QUARTER;
+        (faces[k].pairs(&faces[k].moved(&motion)).1, k, motion)
     };
-    let mut found: Vec<Pose> = starts.into_iter().take(FITTED).filter_map(pose).collect();
-    found.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
-    found
+    let mut starts: Vec<_> = vote::peaks(&hits, &sorted, PEAKS, BINS).into_iter().map(start).collect();
+    starts.sort_by(|a, b| b.0.total_cmp(&a.0));
+    starts.truncate(FITTED);
+    starts
 }
 
 #[cfg(test)]
@@ -510,8 +541,8 @@ mod tests {
     fn best(reference: &[[[f32; 3]; 2]], query: &[[[f32; 3]; 2]]) -> Pose {
         let params = RobustParams::default();
         let index = Index::of(&graph(reference), &params);
-        let [found, _] = poses(&index, &graph(query), &params, &mut Work::new(1 << 20));
-        found.first().expect("a pose").clone()
+        let views = Views::of(&index, &graph(query), &params).expect("rooms");
+        views.poses(&mut Work::new(1 << 20)).first().expect("a pose").clone()
     }
 
     /// Six pillars, and of one view a part in height.
@@ -554,7 +585,9 @@ mod tests {
             let k = k as f32;
             let (a, of_a) = moved(&seen[0], 0.4 * k - 2.0, [3.0 * k, 7.0 - k, 0.1 * k]);
             let (b, of_b) = moved(&seen[1], 2.9 - 0.7 * k, [9.0 - k, k * k, 1.0]);
-            let [found, _] = poses(&Index::of(&a, &params), &b, &params, &mut Work::new(1 << 20));
+            let index = Index::of(&a, &params);
+            let views = Views::of(&index, &b, &params).expect("rooms");
+            let found = views.poses(&mut Work::new(1 << 20));
             let off = of_a.inverse() * found[0].reference_from_query * of_b;
             assert!(off.translation.vector.norm() < 0.02 && off.rotation.angle() < 0.005, "{k}: {off}");
         }
@@ -577,13 +610,12 @@ mod tests {
         let graph = graph(&pillars(0.0, 2.0));
         let index = Index::of(&graph, &params);
         let mut work = Work::new(10);
-        assert!(poses(&index, &graph, &params, &mut work).iter().all(Vec::is_empty));
+        assert!(Views::of(&index, &graph, &params).expect("rooms").poses(&mut work).is_empty());
         let mut bare = SceneGraph::default();
         for n in graph.nodes() {
             let bounds = Box3::new(n.bounds.centroid().into(), n.bounds.extent().into()).expect("finite");
             bare.insert_node(Node { bounds, ..n.clone() });
         }
-        let found = poses(&index, &bare, &params, &mut Work::new(1 << 20));
-        assert!(found.iter().all(Vec::is_empty));
+        assert!(Views::of(&index, &bare, &params).is_none());
     }
 }
