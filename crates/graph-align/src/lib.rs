@@ -36,6 +36,7 @@ mod looked;
 pub mod paper;
 mod replica;
 pub mod robust;
+mod seen;
 mod sightings;
 mod update;
 mod vocabulary;

@@ -1,8 +1,7 @@
 //! Two views of one place that show different parts of its objects: their sides instead of their centres.
 //!
 //! Where an object was seen in part its centre and size say little, but a side that was seen is where it is. So boxes
-//! along the walls are compared side by side: for the distance d of two sides that would be one,
-//! `f(d) = (N(d; s) + exp(-|d| / l) / 2l) / 2`, a side that both saw or one that the image cut off somewhere. A pair is
+//! along the walls are compared side by side; [`Seen`] says how far apart two sides that are one may lie. A pair is
 //! worth `ln` of the product over its six sides, times the window in which its counterpart might lie by chance, times the
 //! ratio of classes as in [`evidence`](super::evidence). Walls and floors take part: their sides are the surest.
 //!
@@ -12,17 +11,11 @@
 use super::index::{Index, Item};
 use super::vote::{self, Hit};
 use super::{RobustParams, Work};
+use crate::seen::{NOISE, Seen};
 use crate::{LabelId, SceneGraph};
 use nalgebra::{Isometry3, Matrix3, Translation3, UnitQuaternion, Vector3};
-use std::f32::consts::{FRAC_PI_2, TAU};
+use std::f32::consts::FRAC_PI_2;
 
-/// Noise of a side that was seen, metres.
-const NOISE: f32 = 0.04;
-/// Share of the sides that both saw, of boxes of no length; the length at which it is half of that, metres.
-const SEEN: f32 = 0.8;
-const LONG: f32 = 1.0;
-/// How far a side that was cut off lies from where it is, metres, and by how much of the length more.
-const CUT: [f32; 2] = [0.1, 0.3];
 /// Where a counterpart might lie by chance: m² on the ground times metres of height, at sizes as they come.
 const WINDOW: f32 = 4.0 * 4.0 * 1.5;
 /// What one pair may be worth, and what a pair by choice among several costs.
@@ -162,10 +155,7 @@ impl Sides {
     fn new() -> Self {
         let table = |class: i32| {
             let seen = Seen::of(0.1 * 2f32.powi(class));
-            std::array::from_fn(|k| {
-                let d = k as f32 / 128.0;
-                (seen.share * bell(d, NOISE) + seen.cut(d)).ln()
-            })
+            std::array::from_fn(|k| seen.density(k as f32 / 128.0).ln())
         };
         Self((0..6).map(table).collect())
     }
@@ -177,27 +167,6 @@ impl Sides {
 
 fn at(table: &[f32; 257], d: f32) -> f32 {
     table[((d.abs() * 128.0) as usize).min(256)]
-}
-
-/// The chance that both saw a side of a box so long, and where the others lie.
-struct Seen {
-    share: f32,
-    reach: f32,
-}
-
-impl Seen {
-    fn of(length: f32) -> Self {
-        Self { share: SEEN / (1.0 + length / LONG), reach: CUT[0] + CUT[1] * length }
-    }
-
-    /// Density of a side that one of them did not see at a distance from the other's.
-    fn cut(&self, d: f32) -> f32 {
-        (1.0 - self.share) * (-d.abs() / self.reach).exp() / (2.0 * self.reach)
-    }
-}
-
-fn bell(d: f32, noise: f32) -> f32 {
-    (-0.5 * (d / noise).powi(2)).exp() / (noise * TAU.sqrt())
 }
 
 /// `ln` of `sum p_q(c) p_r(c) / pi(c)` for every pair, row by row of the reference; shares pi are those of both graphs.
@@ -372,8 +341,7 @@ impl<'a> Face<'a> {
             for (k, (from, (r, q))) in from.iter().zip(r.half.iter().zip(q.half)).enumerate() {
                 let both = Seen::of(2.0 * r.max(q));
                 for off in [from - (r - q), from + (r - q)] {
-                    let seen = both.share * bell(off, noise);
-                    let weight = seen / (seen + both.cut(off));
+                    let weight = both.chance(off, noise);
                     match rows.get(k) {
                         Some(row) => add(row, off, weight),
                         None => (up, weight_up) = (up + off * weight, weight_up + weight),
