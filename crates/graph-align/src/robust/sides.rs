@@ -41,7 +41,7 @@ const FLAT: f32 = 0.2;
 /// Boxes with so much space between them in some direction are no pair, metres.
 const APART: f32 = 0.5;
 /// Boxes of one graph beyond which nothing is tried: this is for rooms, not for buildings.
-const MOST_BOXES: usize = 160;
+const MOST_BOXES: usize = 64;
 
 /// A pose that sides agree on.
 #[derive(Clone, Debug)]
