@@ -4,7 +4,7 @@ use super::Observation;
 use crate::robust::{self, Index};
 use crate::sightings::Sightings;
 use crate::{
-    Algorithm, Match, NodeId, Outcome, Params, Query, SceneGraph, Verdict, align_indexed, append, paper,
+    Algorithm, Match, NodeId, Outcome, Params, Query, SceneGraph, Verdict, Why, align_indexed, append, paper,
     update,
 };
 use nalgebra::Isometry3;
@@ -92,7 +92,13 @@ impl Component {
     }
 
     fn align(&self, query: &Query<'_>, params: &Params) -> Outcome {
-        align_indexed(&self.graph, &self.index, query, params)
+        match params.algorithm {
+            Algorithm::Robust if self.graph.is_empty() || query.graph.is_empty() => {
+                Outcome::NoMatch { why: Why::Empty }
+            }
+            Algorithm::Robust => robust::align_first(&self.index, query, &params.robust),
+            Algorithm::Paper | Algorithm::Append => align_indexed(&self.graph, &self.index, query, params),
+        }
     }
 
     /// Merges a query whose frame is known; beside it what its nodes became (robust alone). The robust

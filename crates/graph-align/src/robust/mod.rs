@@ -222,10 +222,20 @@ pub(crate) fn align(index: &Index, query: &Query<'_>, params: &RobustParams) -> 
     align_counted(index, query, params).0
 }
 
+/// The same without the second chance, for a query that may lie in many places: what is rarely wrong of two rooms
+/// is wrong too often of fifteen.
+pub(crate) fn align_first(index: &Index, query: &Query<'_>, params: &RobustParams) -> Outcome {
+    attempt(index, query, params, false).0
+}
+
 /// The robust algorithm on an index of the reference, and the work that it took: table entries and
 /// node pairs looked at, at most [`RobustParams::budget`].
 #[must_use]
 pub fn align_counted(index: &Index, query: &Query<'_>, params: &RobustParams) -> (Outcome, u64) {
+    attempt(index, query, params, true)
+}
+
+fn attempt(index: &Index, query: &Query<'_>, params: &RobustParams, sides: bool) -> (Outcome, u64) {
     let items = objects(query, params);
     if items.len() < params.fewest {
         return (Outcome::NoMatch { why: Why::SmallQuery }, 0);
@@ -237,11 +247,11 @@ pub fn align_counted(index: &Index, query: &Query<'_>, params: &RobustParams) ->
     let found = search(&scene, query.prior.as_ref(), &mut work);
     let mut spare = Work::new(params.budget / 4);
     let outcome = decide(query, &scene, found, work.exhausted, &mut spare);
-    if outcome == (Outcome::NoMatch { why: Why::NoSupport }) && query.gravity_aligned && query.prior.is_none()
-    {
-        let outcome = by_sides(query, &scene, &mut work);
-        return (outcome, work.spent() + spare.spent());
-    }
+    let second = sides && query.gravity_aligned && query.prior.is_none();
+    let outcome = match outcome {
+        Outcome::NoMatch { why: Why::NoSupport } if second => by_sides(query, &scene, &mut work),
+        other => other,
+    };
     (outcome, work.spent() + spare.spent())
 }
 
