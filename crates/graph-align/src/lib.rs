@@ -30,6 +30,7 @@ mod box3;
 mod error;
 mod fit;
 mod graph;
+mod joint;
 #[cfg(feature = "json")]
 pub mod json;
 mod looked;
