@@ -3,7 +3,7 @@
 use crate::Error;
 use graph_align::{Box3, Footprint};
 use gsm::{Map, SegmentId};
-use nalgebra::{Point3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 use std::f32::consts::{FRAC_PI_2, PI};
 
 /// Which segments become nodes, and what the network sees of them.
@@ -49,6 +49,9 @@ pub struct NodeSet {
     pub nodes: Vec<NodeInput>,
     /// Directed pairs of indices into `nodes`, sorted.
     pub edges: Vec<[usize; 2]>,
+    /// Yaw that turns the set's frame into the network's, along whose axes most upright surface faces: what the
+    /// network says, and who is whose neighbour, shall not depend on how a robot's frame happens to lie.
+    pub to_walls: f32,
 }
 
 impl NodeSet {
@@ -70,19 +73,48 @@ impl NodeSet {
         Ok(Self::new(nodes, p.gap))
     }
 
-    /// Nodes with the neighbours that follow from their boxes.
+    /// Nodes with the neighbours that follow from their boxes, turned along the walls.
     #[must_use]
     pub fn new(nodes: Vec<NodeInput>, gap: f32) -> Self {
+        let to_walls = to_walls(&nodes);
+        let turn = Isometry3::rotation(Vector3::z() * to_walls);
+        let boxes: Vec<Box3> = nodes.iter().map(|n| n.bounds.transformed(&turn)).collect();
         let mut edges = Vec::new();
-        for (i, a) in nodes.iter().enumerate() {
-            for (j, b) in nodes.iter().enumerate() {
-                if i != j && gap_between(&a.bounds, &b.bounds) <= gap {
+        for (i, a) in boxes.iter().enumerate() {
+            for (j, b) in boxes.iter().enumerate() {
+                if i != j && gap_between(a, b) <= gap {
                     edges.push([i, j]);
                 }
             }
         }
-        Self { nodes, edges }
+        Self { nodes, edges, to_walls }
     }
+
+    /// The network's input for every node ([`NodeInput::segment`]).
+    ///
+    /// # Errors
+    /// A number of channels other than 3, 6 or 9.
+    pub fn segments(&self, channels: usize) -> Result<Vec<sgfn_infer::Segment>, Error> {
+        self.nodes.iter().map(|n| n.segment(channels, self.to_walls)).collect()
+    }
+}
+
+/// Normals at most this steep are those of upright surface.
+const UPRIGHT: f32 = 0.3;
+
+/// The mean direction of upright surface, each node by its area: that of the fourfold angle of its normals, which is
+/// the same for both sides of a wall and for the walls beside it. 0 where nothing is upright.
+fn to_walls(nodes: &[NodeInput]) -> f32 {
+    let (mut sin, mut cos) = (0.0_f64, 0.0_f64);
+    for node in nodes {
+        let share = f64::from(node.area) / node.points.len().max(1) as f64;
+        for (_, n) in node.points.iter().filter(|(_, n)| n.z.abs() < UPRIGHT) {
+            let four = 4.0 * f64::from(n.y).atan2(f64::from(n.x));
+            sin += share * four.sin();
+            cos += share * four.cos();
+        }
+    }
+    (-sin.atan2(cos) / 4.0) as f32
 }
 
 impl NodeInput {
@@ -102,14 +134,17 @@ impl NodeInput {
         Ok(Self { id, surfels, area, bounds: quantile_box(dense)?, points })
     }
 
-    /// The network's input: xyz, then for 6 channels the normal, for 9 a grey colour before it.
+    /// The network's input, turned about z by `yaw`: xyz, then for 6 channels the normal, for 9 a grey colour
+    /// before it.
     ///
     /// # Errors
     /// A number of channels other than 3, 6 or 9.
-    pub fn segment(&self, channels: usize) -> Result<sgfn_infer::Segment, Error> {
+    pub fn segment(&self, channels: usize, yaw: f32) -> Result<sgfn_infer::Segment, Error> {
+        let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), yaw);
         let mut flat = Vec::with_capacity(self.points.len() * channels);
         for (p, n) in &self.points {
-            flat.extend(p.coords.iter());
+            let (p, n) = (turn * p.coords, turn * n);
+            flat.extend(p.iter());
             match channels {
                 3 => {}
                 6 => flat.extend(n.iter()),
@@ -213,4 +248,56 @@ fn along(points: &[[f32; 2]], f: Footprint) -> Footprint {
         return f;
     }
     Footprint { yaw, ..f }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, reason = "a test")]
+
+    use super::*;
+
+    /// A wall, its neighbour round the corner, and a shelf at 0.6 radians to both, turned by a yaw.
+    fn corner(yaw: f32) -> NodeSet {
+        let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), yaw);
+        let sheet = |id: u32, at: [f32; 3], along: f32, length: f32| {
+            let (sin, cos) = along.sin_cos();
+            let mut dense = Vec::new();
+            for i in 0..40 {
+                for k in 0..20 {
+                    let s = length * (i as f32 / 39.0 - 0.5);
+                    let p = Point3::new(at[0] + s * cos, at[1] + s * sin, at[2] + k as f32 * 0.1);
+                    dense.push((turn * p, turn * Vector3::new(-sin, cos, 0.0)));
+                }
+            }
+            NodeInput::new(SegmentId(id), 800, 2.0 * length, &dense, 256).unwrap()
+        };
+        let nodes = vec![
+            sheet(0, [2.0, 0.0, 0.0], 0.0, 4.0),
+            sheet(1, [0.0, 2.0, 0.0], FRAC_PI_2, 3.6),
+            sheet(2, [3.0, 2.2, 0.0], 0.6, 0.8),
+        ];
+        NodeSet::new(nodes, 0.35)
+    }
+
+    #[test]
+    fn neither_neighbours_nor_network_input_depend_on_the_frame() {
+        let straight = corner(0.0);
+        // The shelf weighs a ninth of the walls.
+        assert!(straight.to_walls.abs() < 0.03, "{}", straight.to_walls);
+        assert_eq!(straight.edges, [[0, 1], [1, 0]]);
+        for yaw in [0.2, 0.7, 1.3, 2.9, -1.9] {
+            let turned = corner(yaw);
+            assert_eq!(turned.edges, straight.edges, "yaw {yaw}");
+            let off = (turned.to_walls + yaw - straight.to_walls).rem_euclid(FRAC_PI_2);
+            assert!(off.min(FRAC_PI_2 - off) < 1e-3, "yaw {yaw}: {}", turned.to_walls);
+            // Up to a quarter turn the sizes that the network sees are the same.
+            for (a, b) in straight.segments(6).unwrap().iter().zip(turned.segments(6).unwrap()) {
+                let sizes = |d: &sgfn_infer::Descriptor| {
+                    [d.0[6].min(d.0[7]), d.0[6].max(d.0[7]), d.0[8], d.0[9], d.0[10]]
+                };
+                let (a, b) = (sizes(&a.descriptor), sizes(&b.descriptor));
+                assert!(a.iter().zip(b).all(|(a, b)| (a - b).abs() < 2e-3), "yaw {yaw}: {a:?} {b:?}");
+            }
+        }
+    }
 }

@@ -93,7 +93,7 @@ mod tests {
             classes: classes.iter().map(|c| c.to_vec()).collect(),
             predicates: edges.iter().map(|e| vec![pairs[&(e[0].min(e[1]), e[0].max(e[1]))], 0.0]).collect(),
         };
-        (NodeSet { nodes: (0..classes.len()).map(node).collect(), edges }, scores)
+        (NodeSet { nodes: (0..classes.len()).map(node).collect(), edges, to_walls: 0.0 }, scores)
     }
 
     /// The same by its definition: all pairs of groups anew at every step.

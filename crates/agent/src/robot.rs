@@ -8,6 +8,7 @@ use nalgebra::{UnitQuaternion, Vector3};
 use scan3r::Frame;
 use sgfn_infer::{Descriptor, EdgeScores, Features, Graph, Matrix, Model};
 use std::collections::BTreeMap;
+use std::f32::consts::{FRAC_PI_2, FRAC_PI_4};
 
 /// Parameters of a robot.
 #[derive(Clone, Debug, PartialEq)]
@@ -49,6 +50,10 @@ pub fn integrate(map: &mut Map, frame: &Frame) -> FrameReport {
     map.integrate(&DepthView { depth: &frame.depth, intrinsics, world_from_camera, time: frame.time })
 }
 
+/// Walls that turn by more than this, radians, want everything encoded anew: descriptors of one graph must be of one
+/// frame.
+const ASTRAY: f32 = 0.05;
+
 /// A segment's encoded feature, and its size then.
 struct Encoded {
     surfels: u32,
@@ -62,6 +67,8 @@ pub struct Robot<'m> {
     model: &'m Model,
     params: RobotParams,
     encoded: BTreeMap<SegmentId, Encoded>,
+    /// [`NodeSet::to_walls`] for what is encoded.
+    to_walls: f32,
     memory: Memory,
     frames: u32,
     time: f64,
@@ -88,6 +95,7 @@ impl<'m> Robot<'m> {
             model,
             params,
             encoded: BTreeMap::new(),
+            to_walls: 0.0,
             memory: Memory::default(),
             frames: 0,
             time: 0.0,
@@ -149,9 +157,15 @@ impl<'m> Robot<'m> {
         let stale = |e: Option<&Encoded>, now: u32| {
             e.is_none_or(|e| (now as f32 - e.surfels as f32).abs() >= refresh * e.surfels as f32)
         };
+        // Within an eighth of a turn: walls look the same a quarter on.
+        let off = (set.to_walls - self.to_walls + FRAC_PI_4).rem_euclid(FRAC_PI_2) - FRAC_PI_4;
+        if off.abs() > ASTRAY {
+            self.encoded.clear();
+            self.to_walls = set.to_walls;
+        }
         for n in set.nodes.iter() {
             if stale(self.encoded.get(&n.id), n.surfels) {
-                let segment = n.segment(channels)?;
+                let segment = n.segment(channels, self.to_walls)?;
                 let e = Encoded {
                     surfels: n.surfels,
                     feature: self.model.encode_segment(&segment)?,
@@ -226,8 +240,7 @@ impl<'m> Robot<'m> {
         let mut objects =
             Objects::join(set, &self.scores(set), &c.predicate_names, p.graph.min_same_part, p.nodes.gap)?;
         if p.graph.second_look > 0.0 {
-            let segments: Vec<_> =
-                objects.set.nodes.iter().map(|n| n.segment(c.channels)).collect::<Result<_, _>>()?;
+            let segments = objects.set.segments(c.channels)?;
             let out = self.model.infer(&Graph { segments: &segments, edges: &objects.set.edges })?;
             let rows = |m: Matrix| (0..m.rows()).map(|k| m.row(k).to_vec()).collect();
             let second = Scores {

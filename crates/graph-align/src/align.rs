@@ -52,6 +52,10 @@ pub struct Params {
     pub paper: PaperParams,
     /// Seed of the paper's anchors; the robust algorithm draws nothing.
     pub seed: u64,
+    /// All frames are one up to drift, of at most so many radians, and metres at any object: frames that a
+    /// [`Replica::fold`](crate::Replica::fold) finds farther off are refused, and those in which nothing common was
+    /// found are laid together as they are.
+    pub near: Option<[f32; 2]>,
 }
 
 /// What became of one query node.

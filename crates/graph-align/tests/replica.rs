@@ -497,3 +497,48 @@ fn the_past_is_closed() {
     assert!(Replica::default().compact(100, &Params::default()).is_err());
     assert!(r.join(&Replica::default()).is_err(), "other windows");
 }
+
+/// Robots whose frames are one up to drift: what both saw brings them together, what only one saw is laid where it
+/// believes to be, and a place that lies farther off than drift goes is a twin, not the same.
+#[test]
+fn drifting_frames_are_fitted_and_never_searched_far_away() {
+    let seen = |agent: u16, start_ds: u32, graph: &SceneGraph, t: Isometry3<f32>| {
+        let key = Key { start_ds, agent, epoch: 0, seq: start_ds };
+        observation(key, start_ds + 100, u32::from(agent) + 1, &moved(graph, &t), t * Point3::origin())
+    };
+    let params = Params { near: Some([0.2, 10.0]), ..Params::default() };
+    let mut far_apart = 0;
+    for seed in 0..20 {
+        let mut dice = Dice(seed);
+        let (shared, own) = (room(&mut dice, 14, 0), room(&mut dice, 12, 100));
+        let at = |x: f32, y: f32| rooms::yaw_shift(0.0, [x, y, 0.0]);
+        let drift = rooms::yaw_shift(dice.within(-0.06, 0.06), [dice.within(-0.4, 0.4), 0.3, 0.05]);
+        let story = [
+            seen(0, 0, &shared, at(30.0, 5.0)),
+            seen(1, 200, &own, drift * at(12.0, -6.0)),
+            seen(1, 400, &shared, drift * at(30.0, 5.0)),
+            // Another robot, nothing in common.
+            seen(2, 600, &room(&mut dice, 12, 200), at(-20.0, 4.0)),
+        ];
+        let mut replica = Replica::default();
+        story.iter().for_each(|o| assert!(replica.apply(o.clone()).unwrap()));
+        let folded = replica.fold(&params);
+        assert_eq!(folded.components.len(), 1, "seed {seed}");
+        let c = &folded.components[0];
+        let middle = drift * Point3::new(12.0, -6.0, 1.0);
+        let off = (c.frames[&2] * middle - Point3::new(12.0, -6.0, 1.0)).norm();
+        assert!(off < 0.05, "{off} m, seed {seed}");
+        assert_eq!(c.frames[&3], Isometry3::identity());
+        assert_eq!(c.graph.len(), 14 + 12 + 12, "seed {seed}");
+        assert!(Replica::default().fold(&params).components.is_empty());
+
+        // The same room fifty metres on: a twin.
+        let mut twins = Replica::default();
+        assert!(twins.apply(seen(0, 0, &shared, at(30.0, 5.0))).unwrap());
+        assert!(twins.apply(seen(1, 200, &shared, at(-20.0, 5.0))).unwrap());
+        far_apart += twins.fold(&params).components[0].graph.len();
+        let anywhere = Params::default();
+        assert_eq!(twins.fold(&anywhere).components[0].graph.len(), 14);
+    }
+    assert_eq!(far_apart, 20 * 28);
+}

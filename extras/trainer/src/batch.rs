@@ -8,6 +8,9 @@ use rand_chacha::rand_core::Rng;
 /// Extents and radii below this are taken for this, metres (as in sgfn-infer).
 const MIN_EXTENT: f32 = 1e-3;
 
+/// By how much a robot may misjudge the direction of the walls, radians.
+const ASTRAY: f32 = 0.09;
+
 /// Share of the pairs without relation that a training step sees.
 pub const KEEP_NONE: f32 = 0.5;
 
@@ -41,14 +44,15 @@ pub fn unit(rng: &mut ChaCha8Rng) -> f32 {
 }
 
 impl Batch {
-    /// Joins graphs. With `augment`: one yaw and perhaps a mirror per graph, sizes scaled by up to
-    /// 5 %, `keep` points per node drawn at random; else the first `keep` points, evenly spaced.
+    /// Joins graphs. With `augment`: some quarter turns, a few degrees and perhaps a mirror per graph, sizes scaled by
+    /// up to 5 %, `keep` points per node drawn at random; else the first `keep` points, evenly spaced.
     pub fn new(graphs: &[&Graph], keep: usize, none: i64, mut augment: Option<Augment<'_>>) -> Result<Self> {
         let (mut points, mut spatial, mut descriptors) = (Vec::<f32>::new(), Vec::<f32>::new(), Vec::new());
         let (mut index, mut classes, mut predicates) = (Vec::<[usize; 2]>::new(), Vec::<i64>::new(), Vec::new());
         for g in graphs {
             let motion = augment.as_mut().map(|a| {
-                let yaw = unit(a.rng) * std::f32::consts::TAU;
+                let quarters = (a.rng.next_u32() & 3) as f32 * std::f32::consts::FRAC_PI_2;
+                let yaw = quarters + ASTRAY * (2.0 * unit(a.rng) - 1.0);
                 let mirror = if a.rng.next_u32() & 1 == 0 { 1.0 } else { -1.0 };
                 (yaw.sin_cos(), mirror, 0.95 + 0.1 * unit(a.rng))
             });

@@ -69,9 +69,12 @@ impl Samples {
                 Ok(t.data().as_chunks::<8>().0.iter().map(|b| i64::from_le_bytes(*b)).collect())
             };
             let edges = ints("edges")?;
+            let mut points: Vec<f32> =
+                points.data().as_chunks::<4>().0.iter().map(|b| f32::from_le_bytes(*b)).collect();
+            turn_to_walls(&mut points, per_node);
             self.graphs.push(Graph {
                 kind,
-                points: points.data().as_chunks::<4>().0.iter().map(|b| f32::from_le_bytes(*b)).collect(),
+                points,
                 per_node,
                 classes: ints("classes")?,
                 edges: edges.as_chunks::<2>().0.iter().map(|e| e.map(|v| v as usize)).collect(),
@@ -79,5 +82,28 @@ impl Samples {
             });
         }
         Ok(())
+    }
+}
+
+/// Turns points about z so that most upright surface faces along an axis, as `agent` does before it infers: the mean of
+/// the normals' directions modulo a quarter turn, each node by the area of its box seen from the side.
+fn turn_to_walls(points: &mut [f32], per_node: usize) {
+    let (mut sin, mut cos) = (0.0_f64, 0.0_f64);
+    for node in points.chunks_exact(per_node * CHANNELS) {
+        let side = |k: usize| {
+            let of = node.chunks_exact(CHANNELS).map(|p| p[k]);
+            f64::from(of.clone().fold(f32::MIN, f32::max) - of.fold(f32::MAX, f32::min))
+        };
+        let area = side(0).hypot(side(1)) * side(2);
+        for n in node.chunks_exact(CHANNELS).map(|p| &p[3..]).filter(|n| n[2].abs() < 0.3) {
+            let four = 4.0 * f64::from(n[1].atan2(n[0]));
+            sin += area * four.sin();
+            cos += area * four.cos();
+        }
+    }
+    let (s, c) = (-sin.atan2(cos) / 4.0).sin_cos();
+    for v in points.chunks_exact_mut(3) {
+        let (x, y) = (f64::from(v[0]), f64::from(v[1]));
+        (v[0], v[1]) = ((c * x - s * y) as f32, (s * x + c * y) as f32);
     }
 }

@@ -30,8 +30,8 @@ impl AgentFrames {
     #[must_use]
     pub fn number(&self, v: &Visit) -> u32 {
         match self.mode {
-            FramesMode::Shared | FramesMode::Drift => 0,
-            FramesMode::Unknown => v.agent as u32 + 1,
+            FramesMode::Shared => 0,
+            FramesMode::Drift | FramesMode::Unknown => v.agent as u32 + 1,
             FramesMode::UnknownVisit => (v.agent as u32 + 1) << 16 | (v.seq + 1),
         }
     }

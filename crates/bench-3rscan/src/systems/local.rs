@@ -280,6 +280,7 @@ fn moved(set: &NodeSet, t: &Isometry3<f32>) -> NodeSet {
     for (p, n) in out.nodes.iter_mut().flat_map(|n| &mut n.points) {
         (*p, *n) = (t * *p, t.rotation * *n);
     }
+    out.to_walls -= t.rotation.euler_angles().2;
     out
 }
 
@@ -308,8 +309,7 @@ fn true_segments(
     let scan_from_frame = frame_from_scan.inverse();
     let set = teacher.instances_of_map(robot.map(), &scan_from_frame, &p.robot.nodes)?;
     let channels = p.model.config().channels;
-    let segments =
-        set.nodes.iter().map(|n| n.segment(channels)).collect::<Result<Vec<_>, _>>().map_err(pipeline)?;
+    let segments = set.segments(channels).map_err(pipeline)?;
     let out = p
         .model
         .infer(&Graph { segments: &segments, edges: &set.edges })

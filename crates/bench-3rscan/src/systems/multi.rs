@@ -13,6 +13,10 @@ use nalgebra::{Isometry3, Point3};
 use scan3r::RoomEntry;
 use std::collections::{BTreeMap, BTreeSet};
 
+/// How far off a drifting frame may be, radians, and metres at any object: four sigmas of two agents' yaws, and what
+/// they make at 50 m.
+const NEAR: [f32; 2] = [0.2, 10.0];
+
 /// What multi-agent systems share.
 pub struct MultiParams<'a> {
     /// The paper's thresholds and readings.
@@ -58,6 +62,7 @@ pub fn multi_agent(
     let names = RobustParams::for_vocabulary(p.vocabulary);
     (params.robust.structure, params.robust.unnamed) = (names.structure, names.unnamed);
     params.robust.named = p.min_class;
+    params.near = (p.mode == FramesMode::Drift).then_some(NEAR);
     if matches!(p.mode, FramesMode::Unknown | FramesMode::UnknownVisit) {
         params.paper.transform = graph_align::paper::TransformReading::FitMap;
     }
@@ -287,11 +292,12 @@ fn around(plan: &Plan, folded: &Folded, frame: u32, p: &MultiParams<'_>) -> (Sce
     (graph.named(p.vocabulary.find_label(agent::NONE), p.min_class), all)
 }
 
-/// The true transform of a frame; the identity where frames are known.
+/// The true transform of a frame; the identity where frames are known. What a frame's owner believes of its own
+/// place nobody can tell better, so drift is scored as unknown frames are.
 fn domain_from(plan: &Plan, frame: u32, p: &MultiParams<'_>) -> Isometry3<f32> {
     let visit = plan.visits.iter().find(|v| p.frames.number(v) == frame);
     visit
-        .filter(|_| matches!(p.mode, FramesMode::Unknown | FramesMode::UnknownVisit))
+        .filter(|_| p.mode != FramesMode::Shared)
         .map_or_else(Isometry3::identity, |v| p.frames.frame_from_domain(v).inverse())
 }
 

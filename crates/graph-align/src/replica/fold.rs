@@ -7,7 +7,7 @@ use crate::{
     Algorithm, Match, NodeId, Outcome, Params, Query, SceneGraph, Verdict, Why, align_indexed, append, paper,
     update,
 };
-use nalgebra::Isometry3;
+use nalgebra::{Isometry3, Point3, Vector3};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// A part of the merged graph whose frames are connected.
@@ -145,6 +145,18 @@ impl Component {
     }
 }
 
+fn query_of(o: &Observation) -> Query<'_> {
+    Query { looked: o.looked.as_ref(), ..Query::new(&o.graph) }
+}
+
+/// Whether a graph that is laid there stays as near as drift allows ([`Params::near`]).
+fn is_near(graph: &SceneGraph, t: &Isometry3<f32>, params: &Params) -> bool {
+    let Some([turn, shift]) = params.near else { return true };
+    let sum = graph.nodes().fold(Vector3::zeros(), |s, n| s + n.bounds.centroid().coords);
+    let middle = Point3::from(sum / graph.len().max(1) as f32);
+    t.rotation.angle() <= turn && (t * middle - middle).norm() <= shift
+}
+
 fn index_of(graph: &SceneGraph, params: &Params) -> Index {
     match params.algorithm {
         Algorithm::Robust => Index::of(graph, &params.robust),
@@ -161,7 +173,8 @@ impl Folded {
     pub(super) fn with(self, list: &[&Observation], params: &Params) -> Self {
         let first = self.clone().pushed(list, &BTreeMap::new(), params);
         let open = |c: &Component| c.frames.keys().any(|f| *f != c.root && !c.held.contains(f));
-        let found = first.components.iter().any(open);
+        let apart = params.near.is_some() && first.components.len() > 1;
+        let found = apart || first.components.iter().any(open);
         if found && params.algorithm == Algorithm::Robust {
             self.pushed(list, &first.frames(params), params)
         } else {
@@ -212,10 +225,15 @@ impl Folded {
 
     /// One step of the fold.
     pub fn push(&mut self, o: &Observation, params: &Params) {
-        let query = Query { looked: o.looked.as_ref(), ..Query::new(&o.graph) };
+        let query = query_of(o);
+        // The other algorithms take nearness for sameness.
+        let same = params.near.is_some() && params.algorithm != Algorithm::Robust;
+        if let Some(c) = self.components.first_mut().filter(|_| same) {
+            c.frames.entry(o.frame).or_insert_with(Isometry3::identity);
+        }
         if let Some(k) = self.components.iter().position(|c| c.frames.contains_key(&o.frame)) {
-            self.push_known(k, o, &query, params);
-        } else if let Some((k, m)) = self.best_match(&query, None, params) {
+            self.push_known(k, o, params);
+        } else if let Some((k, m)) = self.best_match(o, None, params) {
             let (c, t) = (&mut self.components[k], m.reference_from_query);
             c.frames.insert(o.frame, t);
             c.merge(&query, Outcome::Match(m), &t, &Sightings::of(o), params);
@@ -225,10 +243,12 @@ impl Folded {
     }
 
     /// The component in which the query is found with the highest score, the oldest of equals.
-    fn best_match(&self, query: &Query<'_>, but: Option<usize>, params: &Params) -> Option<(usize, Match)> {
+    fn best_match(&self, o: &Observation, but: Option<usize>, params: &Params) -> Option<(usize, Match)> {
+        let query = query_of(o);
         let mut best: Option<(usize, Match)> = None;
         for (k, c) in self.components.iter().enumerate().filter(|(k, _)| Some(*k) != but) {
-            if let Outcome::Match(m) = c.align(query, params)
+            if let Outcome::Match(m) = c.align(&query, params)
+                && is_near(&o.graph, &m.reference_from_query, params)
                 && best.as_ref().is_none_or(|(_, b)| m.score > b.score)
             {
                 best = Some((k, m));
@@ -238,12 +258,12 @@ impl Folded {
     }
 
     /// The observation's frame is known: it joins its component, and may link another to it.
-    fn push_known(&mut self, k: usize, o: &Observation, query: &Query<'_>, params: &Params) {
+    fn push_known(&mut self, k: usize, o: &Observation, params: &Params) {
         let pose = self.components[k].frames.get(&o.frame).copied().unwrap_or_else(Isometry3::identity);
-        let at = Query { prior: Some(pose), ..*query };
+        let at = Query { prior: Some(pose), ..query_of(o) };
         let outcome = self.components[k].align(&at, params);
         self.components[k].merge(&at, outcome, &pose, &Sightings::of(o), params);
-        if let Some((other, m)) = self.best_match(query, Some(k), params) {
+        if let Some((other, m)) = self.best_match(o, Some(k), params) {
             self.link(k, other, &(pose * m.reference_from_query.inverse()), params);
         }
     }
@@ -275,12 +295,15 @@ impl Folded {
         c.became.extend(image.into_iter().filter(|(from, to)| from != to));
     }
 
-    /// Every frame by the root of its component, fitted to all that was seen from more than one frame.
+    /// Every frame by the root of its component, fitted to all that was seen from more than one frame. Frames that
+    /// are one up to drift have the oldest root of all.
     #[must_use]
     pub fn frames(&self, params: &Params) -> BTreeMap<u32, (u32, Isometry3<f32>)> {
         let mut out = BTreeMap::new();
+        let oldest = self.components.first().filter(|_| params.near.is_some()).map(|c| c.root);
         for c in &self.components {
-            out.extend(c.refined(params).into_iter().map(|(f, t)| (f, (c.root, t))));
+            let root = oldest.unwrap_or(c.root);
+            out.extend(c.refined(params).into_iter().map(|(f, t)| (f, (root, t))));
         }
         out
     }

@@ -103,7 +103,7 @@ fn answers(
     let all = samples::of_visit(world, scan, 0, segmentation, &NodeParams::default(), LabelSet::L20)?;
     let Some(s) = all.into_iter().find(|s| s.kind == Kind::Instances) else { return Ok(Vec::new()) };
     let channels = weights.model.config().channels;
-    let segments = s.set.nodes.iter().map(|n| n.segment(channels)).collect::<Result<Vec<_>, _>>()?;
+    let segments = s.set.segments(channels)?;
     let out = weights.model.infer(&Graph { segments: &segments, edges: &s.set.edges })?;
     let best = |row: &[f32]| (0..n).fold(0, |b, k| if row[k] > row[b] { k } else { b });
     Ok(s.classes
