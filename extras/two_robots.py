@@ -74,7 +74,7 @@ def judge(found, truth, middle):
     off = np.linalg.inv(truth) @ found
     shift = np.linalg.norm((found @ np.linalg.inv(truth) @ middle - middle)[:3])
     angle = math.degrees(math.acos(max(-1, min(1, (np.trace(off[:3, :3]) - 1) / 2))))
-    return "right" if shift < 0.15 and angle < 5 else "wrong"
+    return "right" if shift < 0.15 and angle < 5 else f"wrong by {shift:.2f} m, {angle:.1f} degrees"
 
 
 def main(program, pass_a, pass_b, up, seed="7"):
