@@ -6,3 +6,4 @@
 pub mod building;
 pub mod cases;
 pub mod peers;
+pub mod visits;

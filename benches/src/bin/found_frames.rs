@@ -2,30 +2,28 @@
 //! `cargo run -r -p benches --bin found_frames -- FILE.bin…`, files under `wire/` of `ma3dsg bench --connect`.
 //!
 //! Every agent's visits are turned and shifted by a transform of its own, without what they looked through, and
-//! folded as if the frames were unknown. Printed per file: agents in the largest component, and how far each
-//! agent's yaw, and each of its visits' nodes in the mean, lie from where they should.
+//! folded as if the frames were unknown. Printed per file: how far the visits' yaws, and the middles of their nodes, lie
+//! from where they should (quartiles and maximum, degrees and metres); in the end the same of all, and how many agents are
+//! in the largest components.
 
 #![allow(clippy::print_stdout, reason = "a program speaks")]
 
-use graph_align::{Folded, Observation, Params, Replica, RobustParams, SceneGraph, Vocabulary, append, wire};
-use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
-use scan3r::LabelSet;
+use benches::visits::{middle, names, read};
+use graph_align::{Folded, Observation, Params, Replica, RobustParams, SceneGraph, append};
+use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use std::collections::{BTreeMap, BTreeSet};
 
+/// As `ma3dsg` has it.
+const NAMED: f32 = 0.45;
+
 fn main() -> Result<(), Box<dyn std::error::Error>> {
-    let set = LabelSet::L20;
-    let names =
-        Vocabulary::new(set.classes().iter().copied().chain(["none"]), set.predicates().iter().copied())?;
+    let names = names();
     let mut robust = RobustParams::for_vocabulary(&names);
-    robust.named = 0.45;
+    robust.named = NAMED;
     let params = Params { robust, ..Params::default() };
     let (mut yaws, mut shifts, mut found, mut all) = (Vec::new(), Vec::new(), 0, 0);
     for path in std::env::args().skip(1) {
-        let file = std::fs::read(&path)?;
-        let visits = wire::split(&file)?
-            .into_iter()
-            .map(|f| wire::decode(f, &names))
-            .collect::<Result<Vec<_>, _>>()?;
+        let visits = read(&path, &names)?;
         let agents: BTreeSet<u16> = visits.iter().map(|o| o.key.agent).collect();
         let own: BTreeMap<u16, Isometry3<f32>> =
             agents.iter().enumerate().map(|(k, a)| (*a, frame(k))).collect();
@@ -67,9 +65,7 @@ fn errors(folded: &Folded, visits: &[Observation], own: &BTreeMap<u16, Isometry3
             continue;
         };
         let off = root.inverse() * t * f;
-        let n = o.graph.len().max(1) as f32;
-        let at =
-            Point3::from(o.graph.nodes().fold(Vector3::zeros(), |s, x| s + x.bounds.centroid().coords / n));
+        let at = middle(&o.graph);
         out.push((off.rotation.angle().to_degrees(), (off * at - at).norm()));
     }
     out

@@ -6,29 +6,23 @@
 
 #![allow(clippy::print_stdout, reason = "a program speaks")]
 
-use graph_align::{
-    Observation, Outcome, Params, Query, RobustParams, SceneGraph, Vocabulary, align, append, wire,
-};
-use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
-use scan3r::LabelSet;
+use benches::visits::{middle, names, read};
+use graph_align::{Outcome, Params, Query, RobustParams, SceneGraph, align, append};
+use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
 /// Visits whose nodes' means are nearer than this are of one room, metres.
 const ONE_ROOM: f32 = 2.5;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let path = std::env::args().nth(1).ok_or("want FILE.bin")?;
-    let set = LabelSet::L20;
-    let names =
-        Vocabulary::new(set.classes().iter().copied().chain(["none"]), set.predicates().iter().copied())?;
-    let file = std::fs::read(path)?;
-    let visits =
-        wire::split(&file)?.into_iter().map(|f| wire::decode(f, &names)).collect::<Result<Vec<_>, _>>()?;
+    let names = names();
+    let visits = read(&path, &names)?;
     let params = Params { robust: RobustParams::for_vocabulary(&names), ..Params::default() };
     let (mut own, mut other) = ([0; 4], [0; 3]);
     for (i, a) in visits.iter().enumerate() {
         for (j, b) in visits.iter().enumerate().filter(|(j, _)| *j != i) {
-            let at = middle(a);
-            let same = (at - middle(b)).xy().norm() < ONE_ROOM;
+            let at = middle(&a.graph);
+            let same = (at - middle(&b.graph)).xy().norm() < ONE_ROOM;
             if !same && (i * 7 + j * 13) % 23 != 0 {
                 continue;
             }
@@ -53,9 +47,4 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     println!("one room: {} found, {} wrong, {} ambiguous, {} refused", own[0], own[1], own[2], own[3]);
     println!("different rooms: {} matched, {} ambiguous, {} refused", other[0], other[1], other[2]);
     Ok(())
-}
-
-fn middle(o: &Observation) -> Point3<f32> {
-    let n = o.graph.len().max(1) as f32;
-    Point3::from(o.graph.nodes().fold(Vector3::zeros(), |s, x| s + x.bounds.centroid().coords / n))
 }

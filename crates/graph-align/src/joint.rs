@@ -28,12 +28,12 @@ pub(crate) struct Pull {
     pub(crate) b: usize,
     /// Weight, beside others of the same object.
     pub(crate) share: f32,
-    pub(crate) of: Seen,
+    pub(crate) of: Common,
 }
 
 /// What two frames see of it, each in its own coordinates.
 #[derive(Clone, Copy, Debug)]
-pub(crate) enum Seen {
+pub(crate) enum Common {
     /// Its centroid.
     Place(Point3<f32>, Point3<f32>),
     /// Directions of its sides, radians modulo a quarter turn, and the variance of their difference.
@@ -48,11 +48,11 @@ pub(crate) struct Frame {
     pub(crate) free: bool,
 }
 
-/// A pull at one round: residual and levers of the frames' turns, in the units of its noise.
+/// A pull at one round, linearised.
 struct Row {
     a: usize,
     b: usize,
-    /// Weight over variance.
+    /// Cauchy's weight times share, over the variance.
     w: f64,
     of: Kind,
 }
@@ -103,11 +103,11 @@ fn lean(pull: (usize, f32), other: (usize, f32), poses: &[Isometry3<f64>]) -> f6
 fn weight(pull: &Pull, poses: &[Isometry3<f64>], wider: f64) -> f64 {
     let share = f64::from(pull.share);
     match pull.of {
-        Seen::Place(p, q) => {
+        Common::Place(p, q) => {
             let r = (poses[pull.a] * p.cast::<f64>() - poses[pull.b] * q.cast::<f64>()).norm() / SCALE;
             share / (1.0 + (r / wider).powi(2)) / (SCALE * SCALE)
         }
-        Seen::Side(a, b, variance) => {
+        Common::Side(a, b, variance) => {
             let (r, v) = (lean((pull.a, a), (pull.b, b), poses), f64::from(variance));
             if r.abs() < ALIKE { share / (1.0 + r * r / v / (wider * wider)) / v } else { 0.0 }
         }
@@ -118,7 +118,7 @@ fn weight(pull: &Pull, poses: &[Isometry3<f64>], wider: f64) -> f64 {
 fn pivots(poses: &[Isometry3<f64>], pulls: &[Pull], weights: &[f64]) -> Vec<Point3<f64>> {
     let mut sums = vec![(Vector3::zeros(), 0.0); poses.len()];
     for (pull, w) in pulls.iter().zip(weights) {
-        if let Seen::Place(p, q) = pull.of {
+        if let Common::Place(p, q) = pull.of {
             for (frame, at) in [(pull.a, p), (pull.b, q)] {
                 sums[frame].0 += (poses[frame] * at.cast::<f64>()).coords * *w;
                 sums[frame].1 += w;
@@ -131,12 +131,12 @@ fn pivots(poses: &[Isometry3<f64>], pulls: &[Pull], weights: &[f64]) -> Vec<Poin
 fn row(pull: &Pull, w: f64, poses: &[Isometry3<f64>], pivots: &[Point3<f64>]) -> Row {
     let (a, b) = (pull.a, pull.b);
     let of = match pull.of {
-        Seen::Place(p, q) => {
+        Common::Place(p, q) => {
             let (p, q) = (poses[a] * p.cast::<f64>(), poses[b] * q.cast::<f64>());
             let lever = |at: &Point3<f64>, pivot: &Point3<f64>| [pivot.y - at.y, at.x - pivot.x];
             Kind::Place(p - q, lever(&p, &pivots[a]), lever(&q, &pivots[b]))
         }
-        Seen::Side(s, t, _) => Kind::Side(lean((a, s), (b, t), poses)),
+        Common::Side(s, t, _) => Kind::Side(lean((a, s), (b, t), poses)),
     };
     Row { a, b, w, of }
 }
@@ -263,10 +263,10 @@ mod tests {
             for _ in 0..6 {
                 let at = Point3::from(room.map(|c| c + 2.0 * noise(state)));
                 let off = Vector3::from_fn(|_, _| noisy * noise(state));
-                pulls.push(Pull { a, b: a + 1, share: 0.5, of: Seen::Place(to_a * at, to_b * (at + off)) });
+                pulls.push(Pull { a, b: a + 1, share: 0.5, of: Common::Place(to_a * at, to_b * (at + off)) });
             }
             let side = |t: &Isometry3<f32>| 0.4 + t.rotation.euler_angles().2;
-            let sides = Seen::Side(side(&to_a), side(&to_b) + 0.1 * noisy * noise(state), 1e-4);
+            let sides = Common::Side(side(&to_a), side(&to_b) + 0.1 * noisy * noise(state), 1e-4);
             pulls.push(Pull { a, b: a + 1, share: 0.5, of: sides });
         }
         // Found one from the other, with errors that add up along the chain.
@@ -304,11 +304,11 @@ mod tests {
     fn cost(poses: &[Isometry3<f32>], pulls: &[Pull]) -> f64 {
         let rho = |r2: f64| r2.ln_1p();
         let one = |p: &Pull| match p.of {
-            Seen::Place(x, y) => {
+            Common::Place(x, y) => {
                 let at = |k: usize, x: &Point3<f32>| poses[k].cast::<f64>() * x.cast::<f64>();
                 rho((at(p.a, &x) - at(p.b, &y)).norm_squared() / 0.0064)
             }
-            Seen::Side(s, t, v) => {
+            Common::Side(s, t, v) => {
                 let turn = |k: usize| f64::from(poses[k].rotation.euler_angles().2);
                 let off = f64::from(s) + turn(p.a) - f64::from(t) - turn(p.b);
                 let quarter = std::f64::consts::FRAC_PI_2;
@@ -348,7 +348,7 @@ mod tests {
         let frames = [Frame { pose: pose(1.0, 2.0, 0.3), free: true }; 3];
         assert_eq!(fitted(&frames, &[]), frames.map(|f| f.pose));
         let (p, q) = (Point3::new(1.0, 0.0, 0.0), Point3::new(1.0, 0.5, 0.0));
-        let one = Pull { a: 0, b: 1, share: 0.5, of: Seen::Place(p, q) };
+        let one = Pull { a: 0, b: 1, share: 0.5, of: Common::Place(p, q) };
         let after = fitted(&frames, &[one]);
         assert_eq!(after[2], frames[2].pose);
         assert!(after.iter().all(|t| t.translation.vector.iter().all(|c| c.is_finite())));

@@ -1,6 +1,6 @@
 //! Who saw which object where, and the frames that this implies.
 
-use crate::joint::{self, Frame, Pull, Seen};
+use crate::joint::{self, Common, Frame, Pull};
 use crate::{Box3, NodeId, Observation, SceneGraph};
 use nalgebra::{Isometry3, Point3, Vector3};
 use std::collections::{BTreeMap, BTreeSet};
@@ -10,8 +10,7 @@ const FEWEST: u32 = 3;
 /// Frames by which the next ones hold one that saw the same object, each way.
 const MOST: usize = 8;
 /// A footprint of at least this length, metres, whose other side is at most this share of it tells a
-/// direction. Between two visits of generated rooms it differs by 0.4 degrees in the median and by 2 at the
-/// 80th percentile; that of broader ones by 2 and 11.
+/// direction; those of broader ones differ by several degrees between visits.
 const THIN: (f32, f32) = (0.5, 0.3);
 /// Noise of that direction: metres over the length, and never better than the last number, radians.
 const LEAN: (f32, f32) = (0.008, 0.006);
@@ -78,7 +77,7 @@ impl Sightings {
             pulls_of(&by_frame(seen, &number), objects(*id), &mut pulls);
         }
         let mut common = vec![0_u32; frames.len()];
-        for p in pulls.iter().filter(|p| matches!(p.of, Seen::Place(..))) {
+        for p in pulls.iter().filter(|p| matches!(p.of, Common::Place(..))) {
             common[p.a] += 1;
             common[p.b] += 1;
         }
@@ -125,10 +124,10 @@ fn pulls_of(seen: &[(usize, Sighting)], object: bool, out: &mut Vec<Pull>) {
             let ((a, s), (b, t)) = (seen[k], seen[(k + step) % n]);
             let share = 1.0 / n.min(2 * MOST + 1) as f32;
             if object {
-                out.push(Pull { a, b, share, of: Seen::Place(s.p, t.p) });
+                out.push(Pull { a, b, share, of: Common::Place(s.p, t.p) });
             }
             if let (Some((p, v)), Some((q, w))) = (s.side, t.side) {
-                out.push(Pull { a, b, share, of: Seen::Side(p, q, 1.0 / v + 1.0 / w) });
+                out.push(Pull { a, b, share, of: Common::Side(p, q, 1.0 / v + 1.0 / w) });
             }
         }
     }

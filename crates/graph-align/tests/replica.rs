@@ -530,7 +530,6 @@ fn drifting_frames_are_fitted_and_never_searched_far_away() {
         assert!(off < 0.05, "{off} m, seed {seed}");
         assert_eq!(c.frames[&3], Isometry3::identity());
         assert_eq!(c.graph.len(), 14 + 12 + 12, "seed {seed}");
-        assert!(Replica::default().fold(&params).components.is_empty());
 
         // The same room fifty metres on: a twin.
         let mut twins = Replica::default();

@@ -86,7 +86,8 @@ impl Samples {
 }
 
 /// Turns points about z so that most upright surface faces along an axis, as `agent` does before it infers: the mean of
-/// the normals' directions modulo a quarter turn, each node by the area of its box seen from the side.
+/// the normals' directions modulo a quarter turn, each node by the area of its box seen from the side (samples do not hold the
+/// area of the surfels, by which `agent` goes).
 fn turn_to_walls(points: &mut [f32], per_node: usize) {
     let (mut sin, mut cos) = (0.0_f64, 0.0_f64);
     for node in points.chunks_exact(per_node * CHANNELS) {
