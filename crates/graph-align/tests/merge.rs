@@ -226,6 +226,66 @@ fn folds_join_pieces_of_one_object() {
     assert_eq!((to(0), to(1)), (vec![1], vec![0]), "one relation per neighbour");
 }
 
+/// A wall behind furniture is seen in pieces: those of one visit, in one plane, with no other wall between
+/// them, become one, whatever the yaw.
+#[test]
+fn folds_join_pieces_of_one_wall() {
+    let mut params = Params::default();
+    params.robust.structure = vec![LabelId(30)];
+    let fold = |list: &[Observation]| {
+        let mut r = Replica::default();
+        list.iter().for_each(|o| assert!(r.apply(o.clone()).unwrap()));
+        let graph = r.fold(&params).main_graph();
+        let mut lengths: Vec<f32> = graph
+            .nodes()
+            .filter(|n| n.label == LabelId(30))
+            .map(|n| {
+                let f = n.bounds.footprint().unwrap();
+                f.sides[0].max(f.sides[1])
+            })
+            .collect();
+        lengths.sort_by(f32::total_cmp);
+        (lengths, graph)
+    };
+    let near =
+        |a: &[f32], b: &[f32]| a.len() == b.len() && a.iter().zip(b).all(|(a, b)| (a - b).abs() < 0.03);
+    for turn in [0.0, 0.5, 2.0] {
+        let t = yaw_shift(turn, [3.0, -1.0, 0.0]);
+        let wall = |g: &mut SceneGraph, id: u64, at: [f32; 3], sides: [f32; 3]| {
+            let b = Box3::new(at, sides).unwrap();
+            let b = b.with_footprint(Footprint { sides: [sides[0], sides[1]], yaw: 0.0 }).unwrap();
+            g.insert_node(Node { score: 0.7, ..Node::new(NodeId(id), LabelId(30), b.transformed(&t)) });
+        };
+        let (left, right) = ([4.0, 0.1, 2.4], [2.0, 0.1, 2.4]);
+        let mut one = SceneGraph::default();
+        wall(&mut one, 1, [0.0, 5.0, 1.2], left);
+        wall(&mut one, 2, [4.0, 5.02, 1.2], right);
+        one.insert_edge(Edge { s: NodeId(2), t: NodeId(1), p: PredicateId(0), score: 0.5 }).unwrap();
+        let (lengths, graph) = fold(&[observation(0, 0, 0, &one, None)]);
+        assert!(near(&lengths, &[7.0]), "a metre apart: {lengths:?}");
+        assert_eq!(graph.edges().count(), 0, "pieces of one node have no relation");
+
+        let mut more = one.clone();
+        wall(&mut more, 3, [2.5, 3.0, 1.2], [0.2, 3.9, 2.4]);
+        let (lengths, _) = fold(&[observation(0, 0, 0, &more, None)]);
+        assert!(near(&lengths, &[2.0, 3.9, 4.0]), "a wall ends between them: {lengths:?}");
+
+        let mut step = SceneGraph::default();
+        wall(&mut step, 1, [0.0, 5.0, 1.2], left);
+        wall(&mut step, 2, [4.0, 5.3, 1.2], right);
+        assert!(near(&fold(&[observation(0, 0, 0, &step, None)]).0, &[2.0, 4.0]), "in two planes");
+
+        let mut far = SceneGraph::default();
+        wall(&mut far, 1, [0.0, 5.0, 1.2], left);
+        wall(&mut far, 2, [5.0, 5.0, 1.2], right);
+        assert!(near(&fold(&[observation(0, 0, 0, &far, None)]).0, &[2.0, 4.0]), "two metres apart");
+
+        let visits = [1, 2].map(|id| part(&one, |n| n == id));
+        let visits = [(0, &visits[0]), (1, &visits[1])].map(|(agent, g)| observation(agent, 0, 0, g, None));
+        assert!(near(&fold(&visits).0, &[2.0, 4.0]), "nobody saw both");
+    }
+}
+
 proptest! {
     #![proptest_config(common::cases(24))]
 

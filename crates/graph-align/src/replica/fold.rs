@@ -53,7 +53,7 @@ impl Component {
         let mut new = Self { graph, root: o.frame, frames, index, sightings, held, became };
         if params.algorithm == Algorithm::Robust {
             let all = new.graph.nodes().map(|n| n.id).collect();
-            let joined = robust::merge::join_parts(&mut new.graph, &mut new.index, &all, &params.robust);
+            let joined = robust::parts::join(&mut new.graph, &mut new.index, &all, &all, &params.robust);
             new.sightings.join(&joined);
             new.became.extend(joined);
         }
@@ -131,7 +131,8 @@ impl Component {
         }
         merged.carried.iter().for_each(|&child| self.sightings.forget(child));
         self.sightings.add(seen, &merged.image);
-        let joined = robust::merge::join_parts(graph, index, &merged.touched, &params.robust);
+        let together = merged.image.values().copied().collect();
+        let joined = robust::parts::join(graph, index, &merged.touched, &together, &params.robust);
         self.sightings.join(&joined);
         self.became.extend(joined);
         merged.image

@@ -145,7 +145,7 @@ fn structure(query: &Query<'_>, scene: &Scene<'_>, h: &Hypothesis<'_>, found: &m
             break;
         }
         let there = q.bounds.transformed(&h.pose);
-        scene.index.structure_near(&there, |_, r| {
+        scene.index.structure_near(&there, 0.0, |_, r| {
             if !work.spend(1) {
                 return;
             }

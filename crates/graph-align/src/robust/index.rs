@@ -338,9 +338,9 @@ impl Index {
         self.briefs.get(slot as usize)
     }
 
-    /// Structure whose box may touch a box, in no particular order.
-    pub(super) fn structure_near<'a>(&'a self, b: &Box3, f: impl FnMut(u32, &'a Item)) {
-        self.structure_within(&b.centroid(), b.extent().norm() / 2.0 + self.longest, f);
+    /// Structure whose box may be nearer to a box than `gap`, in no particular order.
+    pub(super) fn structure_near<'a>(&'a self, b: &Box3, gap: f32, f: impl FnMut(u32, &'a Item)) {
+        self.structure_within(&b.centroid(), b.extent().norm() / 2.0 + self.longest + gap.max(0.0), f);
     }
 
     /// Structure whose centroid is within a horizontal distance, in no particular order.

@@ -1,16 +1,9 @@
 //! Merging a query into its reference with the evidence of both.
 
-use super::change::shared;
-use super::index::Item;
-use super::{Index, RobustParams, Work};
+use super::{Index, RobustParams};
 use crate::{Box3, Edge, LabelId, Match, Node, NodeId, SceneGraph, Verdict};
 use nalgebra::{Isometry3, Translation3};
 use std::collections::{BTreeMap, BTreeSet};
-
-/// Pairs of nodes that are compared by one merge: a bound for crowds beyond any furnished place.
-const MOST_PAIRS: u64 = 1 << 22;
-/// Probability from which another class is a possible one.
-const RIVAL: f32 = 0.12;
 
 /// Merges `query` into `graph` as `m` says, and keeps an index of the graph up to date. Beside it
 /// what was done.
@@ -133,123 +126,6 @@ pub(crate) struct Merged {
     pub carried: Vec<NodeId>,
 }
 
-/// Joins nodes that are parts of others of their class: of two, the one that was seen more often, then
-/// the larger one, then the older one stays. Beside it (gone, stayed) in the order of joining.
-pub(crate) fn join_parts(
-    graph: &mut SceneGraph,
-    index: &mut Index,
-    touched: &BTreeSet<NodeId>,
-    params: &RobustParams,
-) -> Vec<(NodeId, NodeId)> {
-    let mut joined = Vec::new();
-    let mut work = Work::new(MOST_PAIRS);
-    for &id in touched {
-        while let Some((keep, gone)) = part_near(graph, index, id, params, &mut work) {
-            let Some(part) = graph.node(gone).cloned() else { break };
-            let edges: Vec<Edge> = graph.outgoing(gone).chain(graph.incoming(gone)).collect();
-            graph.remove_node(gone);
-            index.remove(gone);
-            joined.push((gone, keep));
-            hand_over(graph, &edges, gone, keep);
-            if let Some(node) = graph.node_mut(keep) {
-                if node.label != part.label {
-                    fuse_classes(node, &part, params);
-                }
-                node.bounds = node.bounds.union(&part.bounds);
-                node.last_seen = node.last_seen.max(part.last_seen);
-            }
-            if let Some(node) = graph.node(keep) {
-                index.insert(node);
-            }
-            if gone == id {
-                break;
-            }
-        }
-    }
-    joined
-}
-
-/// The edges of a node that is gone become those of another. Where both had edges with one node, those
-/// with the surest of them stay: two parts of an object have one relation with their neighbour.
-fn hand_over(graph: &mut SceneGraph, edges: &[Edge], gone: NodeId, keep: NodeId) {
-    let mut surest: BTreeMap<(NodeId, NodeId), f32> = BTreeMap::new();
-    let swap = |n: NodeId| if n == gone { keep } else { n };
-    for e in edges {
-        let best = surest.entry((swap(e.s), swap(e.t))).or_default();
-        *best = best.max(e.score);
-    }
-    for (&(s, t), &best) in &surest {
-        if graph.edges_between(s, t).any(|e| e.score >= best) {
-            continue;
-        }
-        graph.remove_edges_between(s, t);
-        for e in edges.iter().filter(|e| (swap(e.s), swap(e.t)) == (s, t)) {
-            // An edge between the two is no edge any more.
-            let _ = graph.insert_edge(Edge { s, t, ..*e });
-        }
-    }
-}
-
-/// (which stays, which goes) of the pair of a node and the neighbour that shares most with it.
-fn part_near(
-    graph: &SceneGraph,
-    index: &Index,
-    id: NodeId,
-    params: &RobustParams,
-    work: &mut Work,
-) -> Option<(NodeId, NodeId)> {
-    let node = graph.node(id).filter(|_| !work.exhausted)?;
-    let own = Item::of(node);
-    let structure = params.structure.contains(&node.label);
-    let grown = if structure { 0.1 } else { 0.0 };
-    let mut best: Option<(f32, Item)> = None;
-    let mut check = |_: u32, r: &Item| {
-        if !work.spend(1) {
-            return;
-        }
-        let share = shared(&node.bounds, &r.bounds, grown);
-        let least = match (structure, r.label == node.label) {
-            (true, true) => params.part[0],
-            (false, true) => params.part[1],
-            (true, false) => f32::MAX,
-            (false, false) if params.is_named(node) => params.part[2],
-            (false, false) => f32::MAX,
-        };
-        if r.id != id
-            && share > least
-            && (r.label == node.label
-                || graph.node(r.id).is_some_and(|o| params.is_named(o) && rivals(node, o)))
-        {
-            let better =
-                best.as_ref().is_none_or(|b| share.total_cmp(&b.0).then_with(|| b.1.order(r)).is_gt());
-            if better {
-                best = Some((share, *r));
-            }
-        }
-    };
-    if structure {
-        index.structure_near(&node.bounds, &mut check);
-    } else {
-        index.near(&own.p, (node.bounds.extent().norm() / 2.0).min(10.0) + 1.5, &mut check);
-    }
-    let other = best?.1;
-    let rank =
-        |n: &Node, i: &Item| (n.sightings, ordered(n.bounds.extent().product()), std::cmp::Reverse(i.id));
-    let theirs = graph.node(other.id)?;
-    Some(if rank(node, &own) >= rank(theirs, &other) { (id, other.id) } else { (other.id, id) })
-}
-
-/// Whether each of two nodes takes the other's class to be possible.
-fn rivals(a: &Node, b: &Node) -> bool {
-    let thinks = |x: &Node, y: &Node| x.others.iter().any(|o| o.0 == y.label && o.1 >= RIVAL);
-    thinks(a, b) || thinks(b, a)
-}
-
-/// A non-negative number as an integer of the same order.
-fn ordered(v: f32) -> u32 {
-    v.max(0.0).to_bits()
-}
-
 /// Visits in a row that must miss a node before it goes.
 fn patience(node: &Node, params: &RobustParams) -> u32 {
     if node.sightings > 1 || node.score >= params.sure { params.patience[1] } else { params.patience[0] }
@@ -267,7 +143,7 @@ fn observe(node: &mut Node, q: &Node, seen: &Box3, slack: f32, params: &RobustPa
 
 /// Class probabilities as means over sightings; the best three stay. Of a named and an unnamed view
 /// the unnamed one weighs less.
-fn fuse_classes(node: &mut Node, q: &Node, params: &RobustParams) {
+pub(super) fn fuse_classes(node: &mut Node, q: &Node, params: &RobustParams) {
     let (mut a, mut b) = (node.sightings.max(1) as f32, q.sightings.max(1) as f32);
     match (params.is_named(node), params.is_named(q)) {
         (true, false) => b *= params.unnamed_weight,

@@ -24,6 +24,8 @@ mod change;
 mod evidence;
 mod index;
 pub(crate) mod merge;
+pub(crate) mod parts;
+mod plane;
 mod sides;
 mod tilt;
 mod vote;
@@ -77,6 +79,9 @@ pub struct RobustParams {
     /// that one: of structure, of objects, and of objects whose classes differ but are each other's
     /// rivals. Above 1 nothing is joined. Folds join, `update` does not.
     pub part: [f32; 3],
+    /// Pieces of structure of one class that were seen in one visit, lie in one plane and are at most so far
+    /// apart, with no wall that ends between them, are one, metres. Below 0 none is joined.
+    pub gap: f32,
     /// By how much a fitted pose must exceed a prior in evidence to replace it. It orders poses; the
     /// bar of acceptance is the same for all of them.
     pub prior_weight: f32,
@@ -100,6 +105,7 @@ impl Default for RobustParams {
             peaks: 16,
             prior_range: 1.5,
             part: [0.6, 0.5, 0.7],
+            gap: 1.5,
             sure: 0.8,
             patience: [1, 2],
             slack: 0.35,
@@ -134,6 +140,7 @@ impl RobustParams {
             "part.0" => self.part[0] = value,
             "part.1" => self.part[1] = value,
             "part.2" => self.part[2] = value,
+            "gap" => self.gap = value,
             "sure" => self.sure = value,
             "prior_weight" => self.prior_weight = value,
             "budget" => self.budget = value as u64,
