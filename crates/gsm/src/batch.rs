@@ -1,6 +1,5 @@
 //! Many frames at once: images are segmented side by side while the map takes those before.
 
-use crate::associate::Pose;
 use crate::event::Skip;
 use crate::image::Image;
 use crate::{DepthView, FrameReport, Map, Params};
@@ -66,9 +65,7 @@ impl Map {
             let mut report = FrameReport { skipped, ..FrameReport::default() };
             if skipped.is_none() {
                 mem::swap(&mut self.image, image);
-                let pose = Pose::new(&view.world_from_camera);
-                report.jumped = self.begin(&pose, view.time);
-                self.look(&pose, &mut report);
+                let pose = self.enter(view, &mut report);
                 self.learn(&pose, &mut report, &mut |_| ());
             }
             reports.push(report);

@@ -60,6 +60,7 @@ mod sight;
 mod split;
 mod store;
 mod surfels;
+mod track;
 mod visibility;
 mod vote;
 
@@ -76,4 +77,5 @@ pub use moments::{Moments, UNIT};
 pub use noise::{NoiseModel, Profile};
 pub use params::Params;
 pub use segment::{Aabb, Plane, Segment, Surfel, UprightBox};
+pub use track::Tracking;
 pub use visibility::{Cell, Looked, Tally, Visibility};

@@ -14,8 +14,8 @@ use crate::store::{Step, Store};
 use crate::surfels::Surfels;
 use crate::visibility::Visibility;
 use crate::vote::Votes;
-use crate::{DepthView, Error, Params, fuse, visibility};
-use nalgebra::{Point3, Vector3};
+use crate::{DepthView, Error, Params, Tracking, fuse, track, visibility};
+use nalgebra::{Isometry3, Point3, Vector3};
 
 /// Bricks that are checked for timed-out surfels per frame, in or out of view.
 const SWEEP: usize = 64;
@@ -69,6 +69,8 @@ pub struct Map {
     pub(crate) now: u32,
     pub(crate) last_centre: Option<[f32; 3]>,
     pub(crate) sweep: usize,
+    /// Believed places to those of the map.
+    correction: Isometry3<f32>,
 }
 
 impl Map {
@@ -95,6 +97,7 @@ impl Map {
             now: 0,
             last_centre: None,
             sweep: 0,
+            correction: Isometry3::identity(),
         })
     }
 
@@ -112,9 +115,7 @@ impl Map {
         if report.skipped.is_some() {
             return report;
         }
-        let pose = Pose::new(&view.world_from_camera);
-        report.jumped = self.begin(&pose, view.time);
-        self.look(&pose, &mut report);
+        let pose = self.enter(view, &mut report);
         done(Stage::Look);
         if self.params.noise.is_independent() {
             let step = step(&self.image, &self.params, &pose, self.now);
@@ -127,8 +128,32 @@ impl Map {
         report
     }
 
+    /// The frame's pose, corrected where poses drift; what is in view, and what was looked through.
+    pub(crate) fn enter(&mut self, view: &DepthView<'_>, report: &mut FrameReport) -> Pose {
+        let believed = self.correction * view.world_from_camera;
+        let mut pose = Pose::new(&believed);
+        report.jumped = self.begin(&pose, view.time);
+        if self.params.tracking != Tracking::Off {
+            // What the last frame saw is most of what this one sees.
+            let step = step(&self.image, &self.params, &pose, self.now);
+            if let Some(motion) = track::motion(step, &self.visible, &self.store) {
+                let moved = believed * motion;
+                self.correction = moved * view.world_from_camera.inverse();
+                self.correction.rotation.renormalize();
+                pose = Pose::new(&moved);
+            }
+        }
+        self.look(&pose, report);
+        pose
+    }
+
+    /// Maps the world as the poses have it into the map's: what [`Params::tracking`] has found so far.
+    pub fn correction(&self) -> Isometry3<f32> {
+        self.correction
+    }
+
     /// What is in view, and what was looked through.
-    pub(crate) fn look(&mut self, pose: &Pose, report: &mut FrameReport) {
+    fn look(&mut self, pose: &Pose, report: &mut FrameReport) {
         let step = step(&self.image, &self.params, pose, self.now);
         report.counts.refused += visibility::look(step, &mut self.store.bricks, &mut self.visible);
     }

@@ -1,6 +1,6 @@
 //! All knobs, flat, with their defaults.
 
-use crate::{Error, NoiseModel};
+use crate::{Error, NoiseModel, Tracking};
 
 /// Parameters of a [`Map`](crate::Map). One default serves all sensors; only `noise` names the sensor.
 #[derive(Debug, Clone, PartialEq)]
@@ -53,6 +53,9 @@ pub struct Params {
     pub max_bricks: u32,
     /// A step of the camera between two frames of more than this is reported as a jump, metres (default 0.7).
     pub jump: f32,
+    /// Whether poses that drift are corrected by what the map knows (default off); see
+    /// [`Map::correction`](crate::Map::correction).
+    pub tracking: Tracking,
 }
 
 impl Default for Params {
@@ -81,6 +84,7 @@ impl Default for Params {
             max_surfels: 24_000_000,
             max_bricks: 1_000_000,
             jump: 0.7,
+            tracking: Tracking::Off,
         }
     }
 }
@@ -128,6 +132,12 @@ impl Params {
             if value == 0 || value > 1 << 30 {
                 return Err(Error::Params { field, value: f64::from(value), expected: "1 to 2^30" });
             }
+        }
+        if let Tracking::Upright(up) = self.tracking
+            && !(1e-3..1e3).contains(&up.iter().map(|v| v * v).sum::<f32>())
+        {
+            let (field, value) = ("tracking", f64::from(up[2]));
+            return Err(Error::Params { field, value, expected: "a direction that is not zero" });
         }
         if self.min_depth >= self.max_depth {
             let value = f64::from(self.min_depth);

@@ -3,7 +3,7 @@
 
 use super::rules::{majority_scores, rule_scores};
 use crate::samples::{Kind, Teacher};
-use crate::scenario::Visit;
+use crate::scenario::{FramesMode, Visit};
 use crate::surface::Seen;
 use crate::systems::AgentFrames;
 use crate::{Error, Surface};
@@ -111,7 +111,12 @@ pub fn run_visit(
     let frame_from_scan = frames.frame_from_domain(visit) * domain_from_scan;
     let mut walk = frames.walk(visit);
     let wall = (p.clocks.wall)();
-    let mut robot = Robot::new(p.model, p.robot.clone()).map_err(pipeline)?;
+    let mut params = p.robot.clone();
+    if frames.mode() == FramesMode::Drift {
+        // Inertia tells a robot what is up.
+        params.segmentation.tracking = gsm::Tracking::Upright([0.0, 0.0, 1.0]);
+    }
+    let mut robot = Robot::new(p.model, params).map_err(pipeline)?;
     let mut seen = Seen::new(surface);
     let (mut cpu_s, mut world_s, mut count) = (0.0, 0.0, 0);
     let mut stream = data.frames(&visit.scan, visit.pass)?;

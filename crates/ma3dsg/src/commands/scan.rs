@@ -37,6 +37,9 @@ pub(crate) struct Args {
     /// Working resolution as a share of the image's sides (1, 0.5, 0.25), or auto: about 160x120.
     #[arg(long, default_value = "auto")]
     scale: String,
+    /// The poses are odometry's, which drifts: each frame is laid on the map before the map learns it.
+    #[arg(long)]
+    track: bool,
     /// Threads for segmentation and network; frames are decoded on another one.
     #[arg(long, default_value_t = 1)]
     threads: usize,
@@ -168,6 +171,10 @@ impl Args {
                 format!("--scale {:?}, want auto or a share of the image's sides up to 1", self.scale)
             })?;
             segmentation.max_pixels = (pixels as f32 * s * s).ceil() as u32;
+        }
+        if self.track {
+            let known = gsm::Tracking::Upright([0.0, 0.0, 1.0]);
+            segmentation.tracking = if has_gravity { known } else { gsm::Tracking::Free };
         }
         let quality = if has_gravity { Quality::Bench } else { Quality::UpAtEnd };
         Ok(Robot::new(&weights.model, RobotParams { segmentation, ..pipeline::robot(quality) })?)
