@@ -26,6 +26,8 @@ pub enum Tracking {
 
 /// Error of odometry from one frame to the next, metres and radians.
 const STEP: (f64, f64) = (0.005, 0.001);
+/// A motion of more such errors than this is none: the camera is not where it is believed to be.
+const FARTHEST: f64 = 20.0;
 /// One surfel in so many is compared.
 const EVERY: u32 = 4;
 /// As many of these err alike.
@@ -38,7 +40,7 @@ const FACING: f32 = 0.2;
 const FEWEST: u32 = 50;
 
 /// The motion of the camera, in its own frame, that lays the frame on the surfels of these bricks; none where too few
-/// are seen.
+/// are seen, or where it is beyond odometry.
 pub(crate) fn motion(step: Step<'_>, bricks: &[u32], store: &Store) -> Option<Isometry3<f32>> {
     let mut sums = Sums::gather(step, bricks, store)?;
     for k in 0..3 {
@@ -51,9 +53,11 @@ pub(crate) fn motion(step: Step<'_>, bricks: &[u32], store: &Store) -> Option<Is
         let turns = sums.normal.fixed_view::<3, 3>(0, 0) + tilt * RIGID;
         sums.normal.fixed_view_mut::<3, 3>(0, 0).copy_from(&turns);
     }
-    let by = sums.normal.cholesky()?.solve(&sums.right).cast::<f32>();
-    let turn = UnitQuaternion::from_scaled_axis(Vector3::new(by[0], by[1], by[2]));
-    Some(Isometry3::from_parts(Translation3::new(by[3], by[4], by[5]), turn))
+    let by = sums.normal.cholesky()?.solve(&sums.right);
+    let (turn, shift) = (by.fixed_rows::<3>(0).into_owned(), by.fixed_rows::<3>(3).into_owned());
+    let plausible = turn.norm() <= FARTHEST * STEP.1 && shift.norm() <= FARTHEST * STEP.0;
+    let turn = UnitQuaternion::from_scaled_axis(turn.cast());
+    plausible.then(|| Isometry3::from_parts(Translation3::from(shift.cast::<f32>()), turn))
 }
 
 /// The normal equations `normal · (ω, t) = right`, camera frame.

@@ -2,7 +2,7 @@
 
 #![allow(clippy::unwrap_used, reason = "a failed test may panic")]
 
-use gsm::{DepthView, Evicted, Intrinsics, Map, NoiseModel, Params, Profile};
+use gsm::{DepthView, Evicted, Intrinsics, Map, NoiseModel, Params, Profile, Tracking};
 use nalgebra::{Isometry3, Point3, Quaternion, Translation3, Unit, Vector3};
 use proptest::prelude::*;
 
@@ -81,6 +81,7 @@ proptest! {
         (w, h) in (1u32..70, 1u32..50),
         focal in 0.3f32..3.0,
         profile in prop::sample::select(vec![Profile::Structured, Profile::TofPhone, Profile::Ideal]),
+        tracking in prop::sample::select(vec![Tracking::Off, Tracking::Free, Tracking::Upright([0.0, -0.6, 0.8])]),
         max_pixels in prop::sample::select(vec![40_000u32, 700, 3]),
         max_samples in prop::sample::select(vec![40_000u32, 300, 2]),
         max_surfels in prop::sample::select(vec![100_000u32, 400]),
@@ -88,7 +89,7 @@ proptest! {
     ) {
         let k = Intrinsics::new(focal * w as f32, focal * w as f32, 0.5 * w as f32, 0.5 * h as f32, w, h).unwrap();
         let noise = NoiseModel::of(profile);
-        let params = Params { noise, max_pixels, max_samples, max_surfels, max_bricks: 5000, ..Params::default() };
+        let params = Params { noise, max_pixels, max_samples, max_surfels, max_bricks: 5000, tracking, ..Params::default() };
         let mut map = Map::new(params).unwrap();
         let mut out = Evicted::default();
         for (i, action) in actions.into_iter().enumerate() {
@@ -121,5 +122,7 @@ proptest! {
             }
         }
         check(&map, max_surfels);
+        let t = map.correction();
+        prop_assert!(t.translation.vector.norm() < 1e4 && (t.rotation.norm() - 1.0).abs() < 1e-3);
     }
 }

@@ -1,7 +1,7 @@
 //! `Map::integrate`: an input is read as a camera, parameters and a run of twelve frames.
 
 use crate::{Random, Reader, Shown, log};
-use gsm::{DepthView, Error, FrameReport, Intrinsics, Map, NoiseModel, Params, Profile};
+use gsm::{DepthView, Error, FrameReport, Intrinsics, Map, NoiseModel, Params, Profile, Tracking};
 use nalgebra::{Isometry3, Quaternion, Translation3, Unit, UnitQuaternion, Vector3};
 use std::collections::BTreeSet;
 
@@ -30,6 +30,8 @@ pub(crate) fn run(input: &[u8]) -> Result<Shown, String> {
         noise: NoiseModel { profile, scale: 1.0 + r.real(0.99) },
         max_pixels: [40_000, 500, 3][usize::from(r.byte()) % 3],
         max_surfels: [100_000, 300][usize::from(r.byte()) % 2],
+        tracking: [Tracking::Off, Tracking::Free, Tracking::Upright([r.real(1.0), r.real(1.0), 1.0])]
+            [usize::from(r.byte()) % 3],
         ..Params::default()
     };
     let limit = params.max_surfels;
