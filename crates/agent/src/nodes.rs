@@ -4,7 +4,8 @@ use crate::Error;
 use graph_align::{Box3, Footprint};
 use gsm::{Map, SegmentId};
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
-use std::f32::consts::{FRAC_PI_2, PI};
+use std::f32::consts::{FRAC_PI_2, FRAC_PI_4, PI};
+use std::f64::consts::PI as PI_64;
 
 /// Which segments become nodes, and what the network sees of them.
 #[derive(Clone, Debug, PartialEq)]
@@ -166,20 +167,69 @@ pub(crate) fn gap_between(a: &Box3, b: &Box3) -> f32 {
 }
 
 fn quantile_box(dense: &[(Point3<f32>, Vector3<f32>)]) -> Result<Box3, Error> {
-    let (mut lo, mut hi) = ([0.0_f32; 3], [0.0_f32; 3]);
-    if !dense.is_empty() {
-        let cut = dense.len() / 200;
-        let mut v = Vec::with_capacity(dense.len());
-        for k in 0..3 {
-            v.clear();
-            v.extend(dense.iter().map(|(p, _)| p[k]));
-            lo[k] = *v.select_nth_unstable_by(cut, f32::total_cmp).1;
-            hi[k] = *v.select_nth_unstable_by(dense.len() - 1 - cut, f32::total_cmp).1;
-        }
+    if dense.is_empty() {
+        return Ok(Box3::new([0.0; 3], [0.0; 3])?);
     }
-    let centre = [0, 1, 2].map(|k| (lo[k] + hi[k]) / 2.0);
-    let bounds = Box3::new(centre, [0, 1, 2].map(|k| hi[k] - lo[k]))?;
-    Ok(bounds.with_footprint(tightest(dense, centre))?)
+    let mut scratch = Vec::with_capacity(dense.len());
+    let [x, y, z] = [0, 1, 2].map(|k| span(&mut scratch, dense.iter().map(|(p, _)| p[k]), dense.len() / 200));
+    let centre = [x, y, z].map(|[low, high]| (low + high) / 2.0);
+    let bounds = Box3::new(centre, [x, y, z].map(|[low, high]| high - low))?;
+    Ok(bounds.with_footprint(octagon(dense, centre, &mut scratch))?)
+}
+
+/// What numbers take up but for the `cut` lowest and highest.
+fn span(scratch: &mut Vec<f32>, values: impl Iterator<Item = f32>, cut: usize) -> [f32; 2] {
+    scratch.clear();
+    scratch.extend(values);
+    let last = scratch.len() - 1 - cut;
+    let (below, low, above) = scratch.select_nth_unstable_by(cut, f32::total_cmp);
+    let low = *low;
+    debug_assert!(below.len() == cut);
+    let high = match last.checked_sub(cut + 1) {
+        Some(k) => *above.select_nth_unstable_by(k, f32::total_cmp).1,
+        None => low,
+    };
+    [low, high]
+}
+
+/// The octagon along the object's directions that holds all but a two-hundredth of the points on each side.
+fn octagon(dense: &[(Point3<f32>, Vector3<f32>)], centre: [f32; 3], scratch: &mut Vec<f32>) -> Footprint {
+    let yaw = faces(dense).unwrap_or_else(|| direction(dense, centre, scratch));
+    let mut reach = [0.0; 8];
+    for k in 0..4 {
+        let (sin, cos) = (yaw + k as f32 * FRAC_PI_4).sin_cos();
+        let along = dense.iter().map(|(p, _)| (p.x - centre[0]) * cos + (p.y - centre[1]) * sin);
+        let [low, high] = span(scratch, along, dense.len() / 200);
+        (reach[k], reach[k + 4]) = (high, -low);
+    }
+    Footprint { yaw, reach }
+}
+
+/// Upright surfels, as a share of all, from which they tell the direction; and how well they must agree: length of their
+/// mean fourfold direction, of single ones that is 1. Those farther off than `AROUND`, radians, are left out then.
+const FACES: f32 = 0.25;
+const AGREE: f64 = 0.6;
+const AROUND: f64 = 0.25;
+
+/// The direction that upright surface faces, up to quarter turns: that of a wall whatever hangs on it, and of a cupboard
+/// of which two sides were seen in part. None for what is round or flat.
+fn faces(dense: &[(Point3<f32>, Vector3<f32>)]) -> Option<f32> {
+    let upright = || dense.iter().filter(|(_, n)| n.z.abs() < UPRIGHT);
+    let fourfold = |(_, n): &(Point3<f32>, Vector3<f32>)| 4.0 * f64::from(n.y).atan2(f64::from(n.x));
+    let mean = |angles: &mut dyn Iterator<Item = f64>| {
+        angles.fold((0.0, 0.0, 0), |(s, c, k), a| (s + a.sin(), c + a.cos(), k + 1))
+    };
+    let (sin, cos, count) = mean(&mut upright().map(fourfold));
+    if (count as f32) < FACES * dense.len() as f32 || sin.hypot(cos) < AGREE * f64::from(count) {
+        return None;
+    }
+    let about = sin.atan2(cos);
+    let near = |a: &f64| {
+        (a - about + PI_64).rem_euclid(2.0 * PI_64) - PI_64 < 4.0 * AROUND
+            && (about - a + PI_64).rem_euclid(2.0 * PI_64) - PI_64 < 4.0 * AROUND
+    };
+    let (sin, cos, _) = mean(&mut upright().map(fourfold).filter(near));
+    Some(((sin.atan2(cos) / 4.0) as f32).rem_euclid(FRAC_PI_2))
 }
 
 /// Shorter over longer side below which a footprint is thin, and how far its axis may be from the
@@ -187,33 +237,28 @@ fn quantile_box(dense: &[(Point3<f32>, Vector3<f32>)]) -> Result<Box3, Error> {
 const THIN: f32 = 0.3;
 const STRAY: f32 = 0.05;
 
-/// The smallest rectangle about a centre that holds all but a two-hundredth of the points on each
-/// side, over yaws in steps of five degrees, then of half a degree round the best.
-fn tightest(dense: &[(Point3<f32>, Vector3<f32>)], centre: [f32; 3]) -> Footprint {
+/// Yaw of the smallest rectangle that holds all but a hundredth of the points on each side, over yaws in steps of
+/// five degrees, then of half a degree round the best.
+fn direction(dense: &[(Point3<f32>, Vector3<f32>)], centre: [f32; 3], scratch: &mut Vec<f32>) -> f32 {
     let stride = dense.len().div_ceil(256).max(1);
     let points: Vec<[f32; 2]> =
         dense.iter().step_by(stride).map(|(p, _)| [p.x - centre[0], p.y - centre[1]]).collect();
-    let mut reach: [Vec<f32>; 2] = Default::default();
-    let mut best = (f32::MAX, Footprint { sides: [0.0; 2], yaw: 0.0 });
+    let mut best = (f32::MAX, [0.0; 2], 0.0);
     let mut look = |half_degrees: i32| {
         let yaw = (half_degrees.rem_euclid(180) as f32 / 2.0).to_radians();
         let (sin, cos) = yaw.sin_cos();
-        reach.iter_mut().for_each(Vec::clear);
-        for [x, y] in &points {
-            reach[0].push((x * cos + y * sin).abs());
-            reach[1].push((y * cos - x * sin).abs());
-        }
-        let side = |v: &mut Vec<f32>| {
-            let k = v.len().saturating_sub(1 + v.len() / 100);
-            if v.is_empty() { 0.0 } else { 2.0 * *v.select_nth_unstable_by(k, f32::total_cmp).1 }
-        };
-        let sides = [side(&mut reach[0]), side(&mut reach[1])];
+        let cut = points.len() / 200;
+        let across = [
+            span(scratch, points.iter().map(|[x, y]| x * cos + y * sin), cut),
+            span(scratch, points.iter().map(|[x, y]| y * cos - x * sin), cut),
+        ];
+        let sides = across.map(|[low, high]| high - low);
         // A wall seen from one side has no area: its thickness must not decide alone.
         let area = (sides[0] + 0.02) * (sides[1] + 0.02);
         if area < best.0 {
-            best = (area, Footprint { sides, yaw });
+            best = (area, sides, yaw);
         }
-        best.1.yaw
+        best.2
     };
     let mut coarse = 0.0;
     for step in 0..18 {
@@ -223,16 +268,16 @@ fn tightest(dense: &[(Point3<f32>, Vector3<f32>)], centre: [f32; 3]) -> Footprin
     (middle - 9..=middle + 9).for_each(|k| {
         look(k);
     });
-    along(&points, best.1)
+    along(&points, best.1, best.2)
 }
 
-/// A thin footprint turned to the principal axis of its points: a line through all of them, where a
+/// The yaw of a thin rectangle, turned to the principal axis of its points: a line through all of them, where a
 /// rectangle hangs on the outermost.
-fn along(points: &[[f32; 2]], f: Footprint) -> Footprint {
-    let first = f.sides[0] > f.sides[1];
-    let (long, short) = if first { (f.sides[0], f.sides[1]) } else { (f.sides[1], f.sides[0]) };
+fn along(points: &[[f32; 2]], sides: [f32; 2], yaw: f32) -> f32 {
+    let first = sides[0] > sides[1];
+    let (long, short) = if first { (sides[0], sides[1]) } else { (sides[1], sides[0]) };
     if short > THIN * long || points.len() < 16 {
-        return f;
+        return yaw;
     }
     let n = points.len() as f64;
     let mean = [0, 1].map(|k| points.iter().map(|p| f64::from(p[k])).sum::<f64>() / n);
@@ -240,14 +285,11 @@ fn along(points: &[[f32; 2]], f: Footprint) -> Footprint {
         points.iter().map(|p| (f64::from(p[a]) - mean[a]) * (f64::from(p[b]) - mean[b])).sum::<f64>()
     };
     let axis = f64::atan2(2.0 * moment(0, 1), moment(0, 0) - moment(1, 1)) / 2.0;
-    let side = if first { f.yaw } else { f.yaw + FRAC_PI_2 };
+    let side = if first { yaw } else { yaw + FRAC_PI_2 };
     // Axes are the same after half a turn.
     let off = (axis as f32 - side + FRAC_PI_2).rem_euclid(PI) - FRAC_PI_2;
-    let yaw = f.yaw + off;
-    if off.abs() > STRAY || !(0.0..=FRAC_PI_2).contains(&yaw) {
-        return f;
-    }
-    Footprint { yaw, ..f }
+    let turned = yaw + off;
+    if off.abs() > STRAY || !(0.0..=FRAC_PI_2).contains(&turned) { yaw } else { turned }
 }
 
 #[cfg(test)]

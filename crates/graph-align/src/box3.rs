@@ -1,8 +1,7 @@
 //! Axis-aligned boxes.
 
-use crate::Error;
+use crate::{Error, Footprint};
 use nalgebra::{Isometry3, Point3, Vector3};
-use std::f32::consts::FRAC_PI_2;
 
 /// Coordinates beyond this are refused, metres.
 const MAX_COORDINATE: f32 = 1e6;
@@ -22,7 +21,7 @@ struct Maybe(Footprint);
 
 impl Maybe {
     fn of(f: Option<Footprint>) -> Self {
-        Self(f.unwrap_or(Footprint { sides: [0.0; 2], yaw: f32::NAN }))
+        Self(f.unwrap_or(Footprint { yaw: f32::NAN, reach: [0.0; 8] }))
     }
 
     fn get(self) -> Option<Footprint> {
@@ -39,32 +38,6 @@ impl PartialEq for Maybe {
 impl std::fmt::Debug for Maybe {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         self.get().fmt(f)
-    }
-}
-
-/// The rectangle on the ground, about the centroid, that holds an object tighter than its axis-aligned
-/// box where the object is turned: what a change of frame goes by.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Footprint {
-    /// Side lengths, metres.
-    pub sides: [f32; 2],
-    /// Angle from x to the first side, radians, 0 to a quarter turn.
-    pub yaw: f32,
-}
-
-impl Footprint {
-    /// Half of the sides' extents along x and y after a turn.
-    fn half(&self, turn: f32) -> [f32; 2] {
-        let (sin, cos) = (self.yaw + turn).sin_cos();
-        let [l, w] = self.sides;
-        [(l * cos.abs() + w * sin.abs()) / 2.0, (l * sin.abs() + w * cos.abs()) / 2.0]
-    }
-
-    fn turned(&self, turn: f32) -> Self {
-        let quarters = ((self.yaw + turn) / FRAC_PI_2).floor();
-        let yaw = (self.yaw + turn - quarters * FRAC_PI_2).clamp(0.0, FRAC_PI_2);
-        let [l, w] = self.sides;
-        Self { sides: if quarters.rem_euclid(2.0) == 0.0 { [l, w] } else { [w, l] }, yaw }
     }
 }
 
@@ -88,21 +61,12 @@ impl Box3 {
     /// The same box with a footprint.
     ///
     /// # Errors
-    /// Sides that are negative or beyond 1e6 m, a yaw outside 0 to a quarter turn.
+    /// Reaches that are not finite, beyond 1e6 m or behind the line across, a yaw outside 0 to a quarter turn.
     pub fn with_footprint(self, footprint: Footprint) -> Result<Self, Error> {
-        if footprint.sides.iter().any(|s| !(0.0..=MAX_COORDINATE).contains(s)) {
-            return Err(Error::value(
-                "footprint",
-                format!("{:?}, want sides of 0 to 1e6 m", footprint.sides),
-            ));
-        }
-        if !(0.0..=FRAC_PI_2).contains(&footprint.yaw) {
-            return Err(Error::value(
-                "footprint",
-                format!("yaw {}, want 0 to a quarter turn", footprint.yaw),
-            ));
-        }
-        Ok(Self { footprint: Maybe::of(Some(footprint)), ..self })
+        footprint.check(MAX_COORDINATE)?;
+        // As above: no -0.
+        let reach = footprint.reach.map(|r| r + 0.0);
+        Ok(Self { footprint: Maybe::of(Some(Footprint { reach, ..footprint })), ..self })
     }
 
     /// The footprint, if one is known.
@@ -114,7 +78,7 @@ impl Box3 {
     /// Diagonal of the footprint, or of the box seen from above.
     #[must_use]
     pub fn ground_diagonal(&self) -> f32 {
-        let [l, w] = self.footprint().map_or([self.extent.x, self.extent.y], |f| f.sides);
+        let [l, w] = self.footprint().map_or([self.extent.x, self.extent.y], |f| f.sides());
         l.hypot(w)
     }
 
@@ -122,6 +86,14 @@ impl Box3 {
     #[must_use]
     pub fn centroid(&self) -> Point3<f32> {
         self.centroid
+    }
+
+    /// Middle of the footprint's rectangle at the height of the centre, or the centre where no footprint is known: the
+    /// one goes with the object when it turns, the other is that of the box in one frame.
+    #[must_use]
+    pub fn middle(&self) -> Point3<f32> {
+        let [x, y] = self.footprint().map_or([0.0; 2], |f| f.middle());
+        self.centroid + Vector3::new(x, y, 0.0)
     }
 
     /// Full side lengths.
@@ -170,28 +142,32 @@ impl Box3 {
     #[must_use]
     pub fn union(&self, other: &Self) -> Self {
         let (lo, hi) = (self.min().inf(&other.min()), self.max().sup(&other.max()));
-        let centroid = nalgebra::center(&lo, &hi);
-        Self { centroid, extent: hi - lo, footprint: Maybe::of(self.footprint_of_both(other, &centroid)) }
+        let both = |[a, b]: [f32; 2], [c, d]: [f32; 2]| [a.min(c), b.max(d)];
+        Self { centroid: nalgebra::center(&lo, &hi), extent: hi - lo, footprint: Maybe::of(None) }
+            .with_footprint_of(self, other, both)
     }
 
-    /// A footprint about a centre that holds those of both, along this one's sides.
-    pub(crate) fn footprint_of_both(&self, other: &Self, centre: &Point3<f32>) -> Option<Footprint> {
-        let (a, b) = (self.footprint()?, other.footprint()?);
-        let (sin, cos) = a.yaw.sin_cos();
-        let reach = |c: &Point3<f32>, half: [f32; 2]| {
-            let (dx, dy) = (c.x - centre.x, c.y - centre.y);
-            [(dx * cos + dy * sin).abs() + half[0], (dy * cos - dx * sin).abs() + half[1]]
+    /// With the footprint that `span` makes, along each of the first one's directions, of what two boxes take up; with
+    /// none if one of them has none.
+    pub(crate) fn with_footprint_of(
+        self,
+        first: &Self,
+        other: &Self,
+        span: impl Fn([f32; 2], [f32; 2]) -> [f32; 2],
+    ) -> Self {
+        let (Some(f), Some(g)) = (first.footprint(), other.footprint()) else {
+            return Self { footprint: Maybe::of(None), ..self };
         };
-        let (p, q) = (reach(&self.centroid, a.half(-a.yaw)), reach(&other.centroid, b.half(-a.yaw)));
-        Some(Footprint { sides: [0, 1].map(|k| 2.0 * p[k].max(q[k])), yaw: a.yaw })
-    }
-
-    /// As [`Self::footprint_of_both`], no side longer than the longer one of both.
-    pub(crate) fn footprint_of_longer(&self, other: &Self, centre: &Point3<f32>) -> Option<Footprint> {
-        let (a, b) = (self.footprint()?, other.footprint()?);
-        let longer = b.half(-a.yaw).map(|h| 2.0 * h);
-        let both = self.footprint_of_both(other, centre)?;
-        Some(Footprint { sides: [0, 1].map(|k| both.sides[k].min(a.sides[k].max(longer[k]))), ..both })
+        let mut out = f;
+        for k in 0..4 {
+            let angle = f.angle(k);
+            let (sin, cos) = angle.sin_cos();
+            let at =
+                |b: &Self| (b.centroid.x - self.centroid.x) * cos + (b.centroid.y - self.centroid.y) * sin;
+            let [low, high] = span(f.span(angle, at(first)), g.span(angle, at(other)));
+            (out.reach[k], out.reach[k + 4]) = (high, -low);
+        }
+        Self { footprint: Maybe::of(Some(out.settled())), ..self }
     }
 
     /// The box around this box after a rigid motion. A turn by anything but a multiple of 90 degrees
@@ -202,15 +178,17 @@ impl Box3 {
             return *self;
         }
         let r = t.rotation.to_rotation_matrix();
-        let mut extent = r.matrix().abs() * self.extent;
+        let extent = r.matrix().abs() * self.extent;
+        let moved = Self { centroid: t * self.centroid, extent, footprint: Maybe::of(None) };
         // Upright motions keep the footprint; others tilt it out of the ground.
-        let upright = r.matrix()[(2, 2)] > 0.9999;
+        let Some(f) = self.footprint().filter(|_| r.matrix()[(2, 2)] > 0.9999) else { return moved };
         let turn = r.matrix()[(1, 0)].atan2(r.matrix()[(0, 0)]);
-        let footprint = self.footprint().filter(|_| upright).map(|f| f.turned(turn));
-        if let Some(f) = footprint {
-            let [x, y] = f.half(0.0);
-            (extent.x, extent.y) = (extent.x.min(2.0 * x), extent.y.min(2.0 * y));
+        let [e, n, w, s] = f.with_box([self.extent.x / 2.0, self.extent.y / 2.0], turn);
+        let (x, y) = ((e - w) / 2.0, (n - s) / 2.0);
+        Self {
+            centroid: moved.centroid + Vector3::new(x, y, 0.0),
+            extent: Vector3::new((e + w).max(0.0), (n + s).max(0.0), extent.z),
+            footprint: Maybe::of(Some(f.turned(turn).seen_from(x, y))),
         }
-        Self { centroid: t * self.centroid, extent, footprint: Maybe::of(footprint) }
     }
 }

@@ -40,6 +40,16 @@ pub struct GraphFile {
     pub provenance: Value,
 }
 
+/// How an object lies on the ground, see [`Footprint`].
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FootprintRecord {
+    /// Angle from x to the first side, radians, 0 to a quarter turn.
+    pub yaw: f32,
+    /// Distances from the centroid to the lines whose outward normals are at `yaw` plus multiples of 45 degrees, metres.
+    pub reach: [f32; 8],
+}
+
 /// One object in a file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct NodeRecord {
@@ -54,9 +64,9 @@ pub struct NodeRecord {
     pub centroid: [f32; 3],
     /// Full side lengths, metres.
     pub extent: [f32; 3],
-    /// Sides and yaw of the footprint, metres and radians, where known.
+    /// The footprint, where known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub footprint: Option<[f32; 3]>,
+    pub footprint: Option<FootprintRecord>,
     /// The next best classes and their probabilities.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub others: Vec<(String, f32)>,
@@ -105,7 +115,7 @@ impl NodeRecord {
             score: n.score,
             centroid: n.bounds.centroid().coords.into(),
             extent: n.bounds.extent().into(),
-            footprint: n.bounds.footprint().map(|f| [f.sides[0], f.sides[1], f.yaw]),
+            footprint: n.bounds.footprint().map(|f| FootprintRecord { yaw: f.yaw, reach: f.reach }),
             others: n.others.iter().map(|(l, p)| (vocabulary.label_name(l).to_owned(), p)).collect(),
             sightings: n.sightings,
             misses: n.misses,
@@ -197,7 +207,7 @@ impl GraphFile {
                 )));
             }
             let bounds = Box3::new(n.centroid, n.extent).and_then(|b| match n.footprint {
-                Some([l, w, yaw]) => b.with_footprint(Footprint { sides: [l, w], yaw }),
+                Some(FootprintRecord { yaw, reach }) => b.with_footprint(Footprint { yaw, reach }),
                 None => Ok(b),
             });
             let mut other =

@@ -29,6 +29,7 @@ mod align;
 mod box3;
 mod error;
 mod fit;
+mod footprint;
 mod graph;
 mod joint;
 #[cfg(feature = "json")]
@@ -45,8 +46,9 @@ mod vocabulary;
 pub mod wire;
 
 pub use align::{Algorithm, Match, Outcome, Params, Query, Verdict, Why, align, align_indexed};
-pub use box3::{Box3, Footprint};
+pub use box3::Box3;
 pub use error::Error;
+pub use footprint::Footprint;
 pub use graph::{Edge, Node, NodeId, Others, SceneGraph};
 pub use looked::Looked;
 pub use paper::PaperParams;

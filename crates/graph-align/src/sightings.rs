@@ -9,11 +9,13 @@ use std::collections::{BTreeMap, BTreeSet};
 const FEWEST: u32 = 3;
 /// Frames by which the next ones hold one that saw the same object, each way.
 const MOST: usize = 8;
-/// A footprint of at least this length, metres, whose other side is at most this share of it tells a
-/// direction; those of broader ones differ by several degrees between visits.
+/// A footprint of at least this length, metres, whose other side is at most this share of it is thin.
 const THIN: (f32, f32) = (0.5, 0.3);
-/// Noise of that direction: metres over the length, and never better than the last number, radians.
+/// Noise of its direction: metres over the length, and never better than the last number, radians.
 const LEAN: (f32, f32) = (0.008, 0.006);
+/// Others of at least these sides, metres, tell a direction too, with this noise, radians: many of them outvote the one
+/// wall that looks bent from one of two places.
+const BROAD: ([f32; 2], f32) = ([0.3, 0.1], 0.0075);
 
 /// An object as seen from one frame.
 #[derive(Clone, Copy, Debug)]
@@ -36,7 +38,7 @@ impl Sightings {
 
     /// Those of a graph whose nodes stand where they were seen, all in one frame.
     pub(crate) fn in_frame(frame: u32, graph: &SceneGraph) -> Self {
-        let of = |b: &Box3| Sighting { frame, p: b.centroid(), side: side(b) };
+        let of = |b: &Box3| Sighting { frame, p: b.middle(), side: side(b) };
         Self(graph.nodes().map(|n| (n.id, vec![of(&n.bounds)])).collect())
     }
 
@@ -133,10 +135,17 @@ fn pulls_of(seen: &[(usize, Sighting)], object: bool, out: &mut Vec<Pull>) {
     }
 }
 
-/// The direction of a footprint's sides, if it is long and thin enough to tell.
+/// The direction of a footprint's sides, and the inverse variance of it; none of what is small.
 fn side(b: &Box3) -> Option<(f32, f32)> {
     let f = b.footprint()?;
-    let (long, short) = (f.sides[0].max(f.sides[1]), f.sides[0].min(f.sides[1]));
-    let sigma = (LEAN.0 / long).max(LEAN.1);
-    (long > THIN.0 && short < THIN.1 * long).then_some((f.yaw, 1.0 / (sigma * sigma)))
+    let [l, w] = f.sides();
+    let (long, short) = (l.max(w), l.min(w));
+    let sigma = if long > THIN.0 && short < THIN.1 * long {
+        (LEAN.0 / long).max(LEAN.1)
+    } else if long > BROAD.0[0] && short > BROAD.0[1] {
+        BROAD.1
+    } else {
+        return None;
+    };
+    Some((f.yaw, 1.0 / (sigma * sigma)))
 }

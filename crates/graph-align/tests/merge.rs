@@ -168,7 +168,7 @@ fn what_stands_on_a_moved_node_goes_along() {
 #[test]
 fn a_small_move_moves_the_box_and_does_not_stretch_it() {
     let lies = |b: Box3| {
-        let footprint = Footprint { sides: [b.extent().x, b.extent().y], yaw: 0.0 };
+        let footprint = Footprint::rectangle([b.extent().x, b.extent().y], 0.0);
         b.with_footprint(footprint).unwrap()
     };
     let whole = changed(&unsure(&room(&mut Dice(7), 14, 0)), |n| n.bounds = lies(n.bounds));
@@ -184,8 +184,8 @@ fn a_small_move_moves_the_box_and_does_not_stretch_it() {
         let merged = fold(&all).main_graph();
         assert_eq!(merged.len(), 14);
         let b = of(&merged);
-        let f = b.footprint().unwrap();
-        assert!((f.sides[0] - size.x).abs() < 0.03 && (f.sides[1] - size.y).abs() < 0.03, "{f:?}");
+        let [l, w] = b.footprint().unwrap().sides();
+        assert!((l - size.x).abs() < 0.03 && (w - size.y).abs() < 0.03, "{l} {w}");
         b
     };
     let at = of(&whole).centroid();
@@ -240,8 +240,8 @@ fn folds_join_pieces_of_one_wall() {
             .nodes()
             .filter(|n| n.label == LabelId(30))
             .map(|n| {
-                let f = n.bounds.footprint().unwrap();
-                f.sides[0].max(f.sides[1])
+                let [l, w] = n.bounds.footprint().unwrap().sides();
+                l.max(w)
             })
             .collect();
         lengths.sort_by(f32::total_cmp);
@@ -253,7 +253,7 @@ fn folds_join_pieces_of_one_wall() {
         let t = yaw_shift(turn, [3.0, -1.0, 0.0]);
         let wall = |g: &mut SceneGraph, id: u64, at: [f32; 3], sides: [f32; 3]| {
             let b = Box3::new(at, sides).unwrap();
-            let b = b.with_footprint(Footprint { sides: [sides[0], sides[1]], yaw: 0.0 }).unwrap();
+            let b = b.with_footprint(Footprint::rectangle([sides[0], sides[1]], 0.0)).unwrap();
             g.insert_node(Node { score: 0.7, ..Node::new(NodeId(id), LabelId(30), b.transformed(&t)) });
         };
         let (left, right) = ([4.0, 0.1, 2.4], [2.0, 0.1, 2.4]);
@@ -298,7 +298,7 @@ proptest! {
         };
         let [x, y] = corners(yaw);
         let b = Box3::new([3.0, -2.0, 1.0], [x, y, 0.7]).unwrap();
-        let b = b.with_footprint(Footprint { sides: [l, w], yaw }).unwrap();
+        let b = b.with_footprint(Footprint::rectangle([l, w], yaw)).unwrap();
         let t = yaw_shift(turn, [1.0, 2.0, 0.5]);
         let turned = b.transformed(&t);
         let [x, y] = corners(yaw + turn);
@@ -338,6 +338,39 @@ proptest! {
         prop_assert_eq!(folded.main_graph().len(), all.len());
     }
 
+    /// A room in which a frame was found tells its yaw within degrees: what lies at the other end of the building is
+    /// looked for farther from where that puts it, and then tells the yaw better.
+    #[test]
+    fn far_rooms_are_met_although_the_frame_is_off(seed in any::<u64>(), turn in 1.8_f32..4.0) {
+        let mut dice = Dice(seed);
+        let small = |g: &SceneGraph| changed(g, |n| {
+            let e = n.bounds.extent().map(|s| 0.2 + 0.2 * s);
+            n.bounds = Box3::new(n.bounds.centroid().coords.into(), e.into()).unwrap();
+        });
+        let (near, far) = (small(&room(&mut dice, 12, 0)), small(&room(&mut dice, 14, 100)));
+        let far = moved(&far, &yaw_shift(0.0, [45.0, 0.0, 0.0]));
+        let b_from_a = any_pose(&mut dice);
+        // Agent 1 saw the near room a few degrees turned.
+        let off = b_from_a * yaw_shift(turn.to_radians(), [0.0; 3]);
+        let views = [
+            (0, near.clone()),
+            (0, far.clone()),
+            (1, moved(&near, &off)),
+            (1, moved(&far, &b_from_a)),
+        ];
+        let list: Vec<_> = views
+            .into_iter()
+            .enumerate()
+            .map(|(k, (agent, g))| observation(agent, k as u32, u32::from(agent), &g, None))
+            .collect();
+        let folded = fold(&list);
+        prop_assert_eq!(folded.components.len(), 1);
+        let p = Point3::new(45.0, 0.0, 1.0);
+        let there = folded.components[0].frames[&1] * b_from_a * p;
+        prop_assert!((there - p).norm() < 0.3, "{} m off", (there - p).norm());
+        prop_assert_eq!(folded.main_graph().len(), near.len() + far.len());
+    }
+
     /// Centroids of one small room leave the yaw open by degrees; the sides of its walls do not.
     #[test]
     fn walls_tell_the_yaw_of_a_found_frame(seed in any::<u64>()) {
@@ -350,7 +383,7 @@ proptest! {
             let sides = if k == 1 { [0.1, l] } else { [l, 0.1] };
             let (sin, cos) = yaw.sin_cos();
             let extent = [sides[0] * cos + sides[1] * sin, sides[0] * sin + sides[1] * cos, 2.4];
-            let b = Box3::new(at, extent).unwrap().with_footprint(Footprint { sides, yaw }).unwrap();
+            let b = Box3::new(at, extent).unwrap().with_footprint(Footprint::rectangle(sides, yaw)).unwrap();
             own.insert_node(Node::new(NodeId(60 + k as u64), wall, b));
         }
         let b_from_a = any_pose(&mut dice);

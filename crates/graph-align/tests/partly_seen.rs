@@ -66,7 +66,7 @@ fn view(things: &[Thing], window: [[f32; 3]; 2], pose: &Isometry3<f32>, dice: &m
         let size: [f32; 3] = std::array::from_fn(|k| (high[k] - low[k]).max(0.01));
         let middle = std::array::from_fn(|k| (high[k] + low[k]) / 2.0);
         let bounds = Box3::new(middle, size).unwrap();
-        let bounds = bounds.with_footprint(Footprint { sides: [size[0], size[1]], yaw: 0.0 }).unwrap();
+        let bounds = bounds.with_footprint(Footprint::rectangle([size[0], size[1]], 0.0)).unwrap();
         let label = if label > 1 && dice.below(5) > 0 { 1 } else { label };
         let node = Node::new(NodeId(id as u64), LabelId(label), bounds.transformed(pose));
         graph.insert_node(Node { score: dice.within(0.4, 0.9), ..node });

@@ -88,7 +88,7 @@ fn hex(bytes: &[u8]) -> String {
     bytes.iter().map(|b| format!("{b:02x}")).collect()
 }
 
-/// Two frames byte for byte, as an encoder in Python wrote them that knew `docs/wire.md` alone.
+/// Two frames byte for byte, as `extras/wire_frames.py` writes them, an encoder that knows `docs/wire.md` alone.
 #[test]
 fn frames_are_those_of_the_document() {
     let v = Vocabulary::new(["wall", "chair", "lamp"], ["on", "near"]).expect("names differ");
@@ -97,7 +97,8 @@ fn frames_are_those_of_the_document() {
     let mut put = |id, label, at, extent, score: u8, sightings, seen, others: &[(u16, u8)], misses| {
         let mut n = Node::new(NodeId(id), LabelId(label), Box3::new(cm(at), cm(extent)).expect("finite"));
         if id == 5 {
-            let f = Footprint { sides: [4.0, 0.12], yaw: 341.0 / 1023.0 * std::f32::consts::FRAC_PI_2 };
+            let reach = [210, 150, 7, 139, 190, 137, 5, 140].map(|c| (f64::from(c) / 100.0) as f32);
+            let f = Footprint { yaw: 341.0 / 1023.0 * std::f32::consts::FRAC_PI_2, reach };
             n.bounds = n.bounds.with_footprint(f).expect("sides of a box");
         }
         n.score = f32::from(score) / 127.0;
@@ -127,8 +128,9 @@ fn frames_are_those_of_the_document() {
         looked: Some(Looked::new(0.5, cm([10, -20, 0]), &cells).expect("small")),
     };
     let want = "\
-    4d534733070549952e07030fc91c547050b04001a06f02e9f8030729f0d4a463cac73413504230d5960687ca29067557\
-    0b0cb1ee07db1b81324c46100964044baa123082c4f0049e000b2e48a083fc2fcba076b421a281530e10b700";
+    4d534734070549952e07030fc91c547050b04001a06f02e9f8030729f0d4a463cac73413504230d5960687ca29067557\
+    0b0cb1ee07db1b81324c46104955096405453041c2004104133082c4f0049e000b2e48a083fc2fcba076b421a281530e\
+    10b700";
     assert_eq!(hex(&wire::encode(&o, &v).expect("small")), want);
 
     // Rows that are alike: guessed from the row before, which the first of a layer does not have.
@@ -144,7 +146,7 @@ fn frames_are_those_of_the_document() {
         looked: Some(Looked::new(0.5, [0.0; 3], &rows).expect("small")),
     };
     let want = "\
-    4d534733020549952e010103011501010165010106534f1030";
+    4d534734020549952e010103011501010165010106534f1030";
     assert_eq!(hex(&wire::encode(&o, &v).expect("small")), want);
 }
 
@@ -187,8 +189,23 @@ fn building(rooms: u64, nodes: u64, edges: u64, names: (u16, u16), seed: u64) ->
     (g, v)
 }
 
-/// Two more classes, a footprint for every fourth node, and what was looked at in cells of 0.5 m:
-/// rooms but for what stands behind furniture.
+/// A footprint of any shape for every node.
+fn with_footprints(g: &SceneGraph, seed: u64) -> SceneGraph {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let mut share = || (rng.next_u64() % 100) as f32 / 100.0;
+    let mut out = SceneGraph::default();
+    for n in g.nodes() {
+        let e = n.bounds.extent();
+        let mut f = Footprint::rectangle([e.x, e.y], share() * 1.57);
+        f.reach.iter_mut().for_each(|r| *r *= 0.7 + 0.3 * share());
+        let bounds = n.bounds.with_footprint(f).expect("reaches of at least 0");
+        out.insert_node(Node { bounds, ..n.clone() });
+    }
+    g.edges().for_each(|e| out.insert_edge(e).expect("living ends"));
+    out
+}
+
+/// Two more classes, and what was looked at in cells of 0.5 m: rooms but for what stands behind furniture.
 fn with_evidence(g: &SceneGraph, rooms: u64, seed: u64) -> (SceneGraph, Looked) {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let mut out = SceneGraph::default();
@@ -196,10 +213,6 @@ fn with_evidence(g: &SceneGraph, rooms: u64, seed: u64) -> (SceneGraph, Looked) 
         let mut n = n.clone();
         n.others =
             (1..3).map(|k| (LabelId((n.label.0 + k) % 20), (rng.next_u64() % 64) as f32 / 127.0)).collect();
-        if n.id.0 % 4 == 0 {
-            let sides = [n.bounds.extent().x, n.bounds.extent().y];
-            n.bounds = n.bounds.with_footprint(Footprint { sides, yaw: 0.5 }).expect("sides of a box");
-        }
         out.insert_node(n);
     }
     g.edges().for_each(|e| out.insert_edge(e).expect("living ends"));
@@ -237,9 +250,15 @@ fn frames_are_short() {
         let budget = 14 * nodes + 4 * edges + 64;
         assert!(plain <= budget, "{plain} bytes for {nodes} nodes, want {budget}");
         let (full, looked) = with_evidence(&g, rooms, 6);
-        let full = wire::encode(&frame(full, Some(looked)), &v).expect("small").len() as u64;
-        println!("{nodes} nodes, {edges} edges: {plain} bytes of {budget}, with evidence {full}");
+        let size =
+            |g: SceneGraph, l: Option<Looked>| wire::encode(&frame(g, l), &v).expect("small").len() as u64;
+        let all = size(with_footprints(&full, 7), Some(looked.clone()));
+        let full = size(full, Some(looked));
+        println!(
+            "{nodes} nodes, {edges} edges: {plain} bytes of {budget}, with evidence {full}, footprints {all}"
+        );
         assert!(full <= plain + 8 * nodes, "{full} bytes with evidence, {plain} without, {nodes} nodes");
+        assert!(all <= full + 6 * nodes, "{all} bytes with footprints, {full} without, {nodes} nodes");
     }
 }
 

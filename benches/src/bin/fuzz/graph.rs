@@ -32,7 +32,7 @@ impl Reader<'_> {
             let Ok(mut b) = Box3::new(centroid, extent) else { continue };
             let turn = self.byte();
             if turn > 127 {
-                let f = Footprint { sides: [extent[0], extent[1]], yaw: f32::from(turn - 128) / 81.0 };
+                let f = Footprint::rectangle([extent[0], extent[1]], f32::from(turn - 128) / 81.0);
                 b = b.with_footprint(f).unwrap_or(b);
             }
             let mut node = Node::new(NodeId(k * 3), LabelId(u16::from(self.byte() % 6)), b);

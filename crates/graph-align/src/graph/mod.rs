@@ -3,9 +3,9 @@
 mod others;
 mod store;
 
-use crate::{Box3, Error, Footprint, LabelId, PredicateId};
+use crate::footprint::Grid;
+use crate::{Box3, Error, LabelId, PredicateId};
 pub use others::Others;
-use std::f32::consts::FRAC_PI_2;
 use store::{Entry, Out, Store};
 
 /// Names a node within one graph.
@@ -299,7 +299,7 @@ impl SceneGraph {
             let (c, e) = (n.bounds.centroid(), n.bounds.extent());
             // Rounding keeps numbers finite and sides non-negative, so the box stays valid.
             if let Ok(b) = Box3::new([c.x, c.y, c.z].map(cm), [e.x, e.y, e.z].map(cm)) {
-                let footprint = n.bounds.footprint().map(quantise_footprint);
+                let footprint = n.bounds.footprint().map(|f| Grid::of(&f).footprint());
                 n.bounds = footprint.map_or(Ok(b), |f| b.with_footprint(f)).unwrap_or(b);
             }
             n.score = quantise_score(n.score);
@@ -361,20 +361,6 @@ impl SceneGraph {
 
 /// Steps of a probability in frames.
 pub(crate) const SCORE_STEPS: f32 = 127.0;
-
-/// Steps of a quarter turn in frames.
-pub(crate) const YAW_STEPS: f32 = 1023.0;
-
-pub(crate) fn quantise_footprint(f: Footprint) -> Footprint {
-    let cm = |v: f32| ((f64::from(v) * 100.0).round() / 100.0) as f32;
-    let step = (f.yaw / FRAC_PI_2 * YAW_STEPS).round();
-    Footprint { sides: f.sides.map(cm), yaw: yaw_of(step as u16) }
-}
-
-/// The yaw of a step.
-pub(crate) fn yaw_of(step: u16) -> f32 {
-    (f32::from(step) / YAW_STEPS * FRAC_PI_2).min(FRAC_PI_2)
-}
 
 pub(crate) fn quantise_score(s: f32) -> f32 {
     (s.clamp(0.0, 1.0) * SCORE_STEPS).round() / SCORE_STEPS

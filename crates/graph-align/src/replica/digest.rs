@@ -23,7 +23,7 @@ impl Feed {
         b.centroid().iter().chain(b.extent().iter()).for_each(|&v| self.float(v));
         self.int(u64::from(b.footprint().is_some()));
         if let Some(f) = b.footprint() {
-            [f.sides[0], f.sides[1], f.yaw].into_iter().for_each(|v| self.float(v));
+            std::iter::once(f.yaw).chain(f.reach).for_each(|v| self.float(v));
         }
     }
 

@@ -36,6 +36,10 @@ impl PartialEq for Component {
     }
 }
 
+/// How much farther than [`RobustParams::prior_range`](crate::RobustParams) a visit may lie from where a frame that was
+/// found puts it.
+const FARTHER: f32 = 3.0;
+
 /// The merged graph, in connected parts, oldest first.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Folded {
@@ -138,6 +142,11 @@ impl Component {
         merged.image
     }
 
+    /// Whether a frame was found and may still be found better.
+    fn is_open(&self, frame: u32) -> bool {
+        frame != self.root && !self.held.contains(&frame)
+    }
+
     /// The frames fitted to all that was seen from more than one of them; the root's stays.
     fn refined(&self, params: &Params) -> BTreeMap<u32, Isometry3<f32>> {
         let objects =
@@ -173,7 +182,7 @@ impl Folded {
     /// merges in those frames.
     pub(super) fn with(self, list: &[&Observation], params: &Params) -> Self {
         let first = self.clone().pushed(list, &BTreeMap::new(), params);
-        let open = |c: &Component| c.frames.keys().any(|f| *f != c.root && !c.held.contains(f));
+        let open = |c: &Component| c.frames.keys().any(|f| c.is_open(*f));
         let apart = params.near.is_some() && first.components.len() > 1;
         let found = apart || first.components.iter().any(open);
         if found && params.algorithm == Algorithm::Robust {
@@ -262,7 +271,16 @@ impl Folded {
     fn push_known(&mut self, k: usize, o: &Observation, params: &Params) {
         let pose = self.components[k].frames.get(&o.frame).copied().unwrap_or_else(Isometry3::identity);
         let at = Query { prior: Some(pose), ..query_of(o) };
-        let outcome = self.components[k].align(&at, params);
+        let c = &self.components[k];
+        let outcome = match c.align(&at, params) {
+            // What is a degree off where it was found is metres off at the other end of a building.
+            Outcome::NoMatch { .. } if c.is_open(o.frame) => {
+                let mut wide = params.clone();
+                wide.robust.prior_range *= FARTHER;
+                c.align(&at, &wide)
+            }
+            outcome => outcome,
+        };
         self.components[k].merge(&at, outcome, &pose, &Sightings::of(o), params);
         if let Some((other, m)) = self.best_match(o, Some(k), params) {
             self.link(k, other, &(pose * m.reference_from_query.inverse()), params);

@@ -93,7 +93,7 @@ fn at_rest(scene: &Scene<'_>, h: &Hypothesis<'_>, found: &mut Found, work: &mut 
             break;
         }
         let there = q.bounds.transformed(&h.pose);
-        let p = there.centroid();
+        let p = there.middle();
         let half = half_longest(&there);
         scene.index.near(&p, gate.max(half), |_, r| {
             if !work.spend(1) {

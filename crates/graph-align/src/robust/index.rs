@@ -98,7 +98,7 @@ impl Item {
             score,
             others,
             rest: (rest.0.max(0.02), rest.1),
-            p: node.bounds.centroid(),
+            p: node.bounds.middle(),
             size: Size::of(node),
             bounds: node.bounds,
         }

@@ -96,7 +96,7 @@ fn carried(
     for (q, verdict) in &m.verdicts {
         let Verdict::Moved(r) = *verdict else { continue };
         let (Some(now), Some(support)) = (query.node(*q), graph.node(r)) else { continue };
-        let now = m.reference_from_query * now.bounds.centroid();
+        let now = m.reference_from_query * now.bounds.middle();
         for edge in graph.incoming(r).filter(|e| !seen.contains(&e.s)) {
             let Some(child) = graph.node(edge.s) else { continue };
             let off = child.bounds.centroid() - support.bounds.centroid();
@@ -105,7 +105,7 @@ fn carried(
             if !on || params.structure.contains(&child.label) {
                 continue;
             }
-            let shift = Translation3::from(now - support.bounds.centroid()).into();
+            let shift = Translation3::from(now - support.bounds.middle()).into();
             let ride = Ride { from_middle: off.norm(), shift, edge };
             // Of two supports the nearer one.
             if out.get(&edge.s).is_none_or(|o| ride.from_middle < o.from_middle) {
@@ -162,26 +162,22 @@ pub(super) fn fuse_classes(node: &mut Node, q: &Node, params: &RobustParams) {
     }
 }
 
-/// The box of the last view, extended towards what was known before by at most `slack` a side, and along no
-/// axis beyond the longer of the two: where both are equally long, the object was displaced, not seen in part.
+/// The box of the last view, extended towards what was known before by at most `slack` a side, and in no
+/// direction beyond the longer of the two: where both are equally long, the object was displaced, not seen in part.
 fn combined(known: &Box3, seen: &Box3, slack: f32) -> Box3 {
     if slack == f32::MAX {
         return known.union(seen);
     }
-    let side = |k: usize| {
-        let (low, high) = (seen.min()[k], seen.max()[k]);
-        let below = (low - known.min()[k]).clamp(0.0, slack);
-        let above = (known.max()[k] - high).clamp(0.0, slack);
-        let lacking = (known.extent()[k] - seen.extent()[k]).max(0.0);
+    let span = |[low, high]: [f32; 2], [known_low, known_high]: [f32; 2]| {
+        let below = (low - known_low).clamp(0.0, slack);
+        let above = (known_high - high).clamp(0.0, slack);
+        let lacking = ((known_high - known_low) - (high - low)).max(0.0);
         let share = if below + above > lacking { lacking / (below + above) } else { 1.0 };
-        (low - below * share, high + above * share)
+        [low - below * share, high + above * share]
     };
-    let sides = [side(0), side(1), side(2)];
-    let Ok(b) = Box3::new(sides.map(|(l, h)| (l + h) / 2.0), sides.map(|(l, h)| h - l)) else { return *seen };
-    match seen.footprint_of_longer(known, &b.centroid()) {
-        Some(f) => b.with_footprint(f).unwrap_or(b),
-        None => b,
-    }
+    let axes = [0, 1, 2].map(|k| span([seen.min()[k], seen.max()[k]], [known.min()[k], known.max()[k]]));
+    let b = Box3::new(axes.map(|[l, h]| (l + h) / 2.0), axes.map(|[l, h]| h - l));
+    b.map_or(*seen, |b| b.with_footprint_of(seen, known, span))
 }
 
 fn add(graph: &mut SceneGraph, q: &Node, reference_from_query: &Isometry3<f32>) -> NodeId {

@@ -27,12 +27,13 @@ impl Plane {
         let f = b.footprint()?;
         let (sin, cos) = f.yaw.sin_cos();
         let sides = [Vector3::new(cos, sin, 0.0), Vector3::new(-sin, cos, 0.0), Vector3::z()];
-        let long = [f.sides[0], f.sides[1], b.extent().z];
+        let [l, w] = f.sides();
+        let long = [l, w, b.extent().z];
         let across = (0..3).min_by(|&i, &k| long[i].total_cmp(&long[k]))?;
         let order = [(across + 1) % 3, (across + 2) % 3, across];
         let half = order.map(|k| long[k] / 2.0);
         let thin = 2.0 * half[2] <= THICK && 2.0 * half[2] < half[0].max(half[1]);
-        thin.then_some(Self { centre: b.centroid(), axes: order.map(|k| sides[k]), half })
+        thin.then_some(Self { centre: b.middle(), axes: order.map(|k| sides[k]), half })
     }
 
     fn area(&self) -> f32 {
@@ -42,9 +43,9 @@ impl Plane {
     /// What a box takes up along the axes, from the centre.
     fn span(&self, b: &Box3) -> [[f32; 2]; 3] {
         let e = b.extent() / 2.0;
-        let (yaw, [l, w]) = b.footprint().map_or((0.0, [e.x, e.y]), |f| (f.yaw, f.sides.map(|s| s / 2.0)));
+        let (yaw, [l, w]) = b.footprint().map_or((0.0, [e.x, e.y]), |f| (f.yaw, f.sides().map(|s| s / 2.0)));
         let (sin, cos) = yaw.sin_cos();
-        let d = b.centroid() - self.centre;
+        let d = b.middle() - self.centre;
         self.axes.map(|a| {
             let reach =
                 (a.x * cos + a.y * sin).abs() * l + (a.y * cos - a.x * sin).abs() * w + a.z.abs() * e.z;
@@ -119,7 +120,7 @@ mod tests {
 
     /// A box of these sides, turned by a yaw about the origin.
     fn piece(middle: [f32; 3], sides: [f32; 3], yaw: f32) -> Box3 {
-        let flat = Footprint { sides: [sides[0], sides[1]], yaw: 0.0 };
+        let flat = Footprint::rectangle([sides[0], sides[1]], 0.0);
         let b = Box3::new(middle, sides).unwrap().with_footprint(flat).unwrap();
         b.transformed(&Isometry3::new(Vector3::zeros(), Vector3::z() * yaw))
     }

@@ -78,7 +78,8 @@ impl Boxes {
         items.sort_by(Item::order);
         let foot = |i: &Item| {
             let f = i.bounds.footprint()?;
-            Some(([f.sides[0], f.sides[1], i.bounds.extent().z], f.yaw))
+            let [l, w] = f.sides();
+            Some(([l, w, i.bounds.extent().z], f.yaw))
         };
         let feet: Vec<_> = items.iter().filter_map(foot).collect();
         let sum = items.iter().fold(Vector3::<f64>::zeros(), |s, i| s + i.p.coords.cast::<f64>());
@@ -499,7 +500,7 @@ mod tests {
         for (id, [low, high]) in boxes.iter().enumerate() {
             let size: [f32; 3] = std::array::from_fn(|k| high[k] - low[k]);
             let middle = std::array::from_fn(|k| (high[k] + low[k]) / 2.0);
-            let foot = Footprint { sides: [size[0], size[1]], yaw: 0.0 };
+            let foot = Footprint::rectangle([size[0], size[1]], 0.0);
             let bounds = Box3::new(middle, size).and_then(|b| b.with_footprint(foot)).expect("finite");
             graph.insert_node(Node::new(NodeId(id as u64), LabelId(id as u16 % 3), bounds));
         }

@@ -21,7 +21,7 @@ pub use entries::{Kind, MAX_KEYS, decode_gone, decode_retraction, encode_gone, e
 pub use snapshot::{decode_snapshot, encode_snapshot};
 
 /// First bytes of every frame.
-pub const MAGIC: &[u8; 4] = b"MSG3";
+pub const MAGIC: &[u8; 4] = b"MSG4";
 const EVIDENCE: u8 = 1;
 const LOOKED: u8 = 2;
 const FOOTPRINTS: u8 = 4;
@@ -185,7 +185,7 @@ fn open<'a>(bytes: &'a [u8], vocabulary: &Vocabulary) -> Result<(u8, Reader<'a>)
     };
     let [m, s, g, v, flags, fingerprint @ ..] = *head;
     if [m, s, g, v] != *MAGIC {
-        return Err(r.bad("no MSG3 frame"));
+        return Err(r.bad("no MSG4 frame"));
     }
     if u32::from_le_bytes(fingerprint) != vocabulary.fingerprint() {
         return Err(r.bad("written with another vocabulary"));

@@ -1,10 +1,10 @@
 //! The columns of nodes.
 
-use super::bits::{Column, Reader, Signed, Writer};
+use super::bits::{Column, Reader, Signed, Writer, unzigzag, zigzag};
 use super::{EVIDENCE, FOOTPRINTS, flags_of, of_cm, of_score, to_cm, to_score};
-use crate::graph::{SCORE_STEPS, YAW_STEPS, yaw_of};
-use crate::{Box3, Error, Footprint, LabelId, Node, NodeId, Vocabulary};
-use std::f32::consts::FRAC_PI_2;
+use crate::footprint::{Grid, YAW_STEPS};
+use crate::graph::SCORE_STEPS;
+use crate::{Box3, Error, LabelId, Node, NodeId, Vocabulary};
 
 /// Most centimetres of a length.
 const FAR: u64 = 100_000_000;
@@ -36,11 +36,15 @@ pub(super) fn put<'a>(w: &mut Writer<'_>, nodes: impl Iterator<Item = &'a Node> 
 
 fn put_footprints<'a>(w: &mut Writer<'_>, nodes: impl Iterator<Item = &'a Node> + Clone) {
     w.column(nodes.clone().map(|n| u64::from(n.bounds.footprint().is_some())));
-    let there = nodes.filter_map(|n| n.bounds.footprint());
-    for side in 0..2 {
-        w.column(there.clone().map(|f| to_cm(f.sides[side]).unsigned_abs()));
+    let there = nodes.filter_map(|n| n.bounds.footprint()).map(|f| Grid::of(&f));
+    w.column(there.clone().map(|f| f.yaw));
+    for k in 0..2 {
+        w.column(there.clone().map(|f| f.sides[k]));
+        w.column(there.clone().map(|f| zigzag(f.off[k])));
     }
-    w.column(there.map(|f| (f.yaw / FRAC_PI_2 * YAW_STEPS).round() as u64));
+    for k in 0..4 {
+        w.column(there.clone().map(|f| f.cuts[k]));
+    }
 }
 
 fn put_evidence<'a>(w: &mut Writer<'_>, nodes: impl Iterator<Item = &'a Node> + Clone) {
@@ -71,8 +75,33 @@ pub(super) struct Columns<'a> {
 
 struct Footprints<'a> {
     there: Column<'a>,
-    sides: [Column<'a>; 2],
     yaw: Column<'a>,
+    /// Length of a side, and the zigzagged number beside it.
+    sides: [[Column<'a>; 2]; 2],
+    cuts: [Column<'a>; 4],
+}
+
+impl<'a> Footprints<'a> {
+    fn read(r: &mut Reader<'a>, n: usize) -> Result<Self, Error> {
+        let there = r.column(n, 1)?;
+        let f = there.clone().filter(|&t| t == 1).count();
+        let yaw = r.column(f, YAW_STEPS as u64)?;
+        let mut far = || r.column(f, FAR);
+        let sides = [[far()?, far()?], [far()?, far()?]];
+        Ok(Self { there, yaw, sides, cuts: [far()?, far()?, far()?, far()?] })
+    }
+
+    /// Of the next node that has one; none where a column ends.
+    fn next(&mut self) -> Option<Grid> {
+        let mut grid = Grid { yaw: self.yaw.next()?, sides: [0; 2], off: [0; 2], cuts: [0; 4] };
+        for (k, [side, off]) in self.sides.iter_mut().enumerate() {
+            (grid.sides[k], grid.off[k]) = (side.next()?, unzigzag(off.next()?));
+        }
+        for (cut, column) in grid.cuts.iter_mut().zip(&mut self.cuts) {
+            *cut = column.next()?;
+        }
+        Some(grid)
+    }
 }
 
 struct Evidence<'a> {
@@ -102,13 +131,7 @@ impl<'a> Columns<'a> {
         let centroid = [r.signed(n)?, r.signed(n)?, r.signed(n)?];
         let extent = [r.column(n, FAR)?, r.column(n, FAR)?, r.column(n, FAR)?];
         let (sightings, ago) = (r.column(n, u32s)?, r.signed(n)?);
-        let mut footprints = None;
-        if flags & FOOTPRINTS != 0 {
-            let there = r.column(n, 1)?;
-            let f = there.clone().filter(|&t| t == 1).count();
-            let (sides, yaw) = ([r.column(f, FAR)?, r.column(f, FAR)?], r.column(f, YAW_STEPS as u64)?);
-            footprints = Some(Footprints { there, sides, yaw });
-        }
+        let footprints = if flags & FOOTPRINTS != 0 { Some(Footprints::read(r, n)?) } else { None };
         let mut evidence = None;
         if flags & EVIDENCE != 0 {
             let counts = r.column(n, Node::MAX_OTHERS as u64)?;
@@ -160,9 +183,7 @@ impl<'a> Columns<'a> {
         if let Some(f) = &mut self.footprints
             && next(&mut f.there)? == 1
         {
-            let [a, b] = &mut f.sides;
-            let sides = [next(a)?, next(b)?].map(|v| of_cm(v as i64));
-            let footprint = Footprint { sides, yaw: yaw_of(next(&mut f.yaw)? as u16) };
+            let footprint = f.next().ok_or_else(early)?.footprint();
             bounds = bounds.with_footprint(footprint).map_err(|e| end.bad(e.to_string()))?;
         }
         let label = LabelId(label as u16);

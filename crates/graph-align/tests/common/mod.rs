@@ -74,7 +74,7 @@ pub(crate) fn graph(n: usize) -> impl Strategy<Value = SceneGraph> {
 fn footprint(b: Box3, k: usize) -> Box3 {
     let e = b.extent();
     let yaw = (k * 137 % 1024) as f32 / 1023.0 * std::f32::consts::FRAC_PI_2;
-    b.with_footprint(graph_align::Footprint { sides: [e.x, e.y], yaw }).expect("sides of a box")
+    b.with_footprint(graph_align::Footprint::rectangle([e.x, e.y], yaw)).expect("sides of a box")
 }
 
 /// The same graph under other ids, its nodes in another order.
