@@ -106,16 +106,38 @@ const UPRIGHT: f32 = 0.3;
 /// The mean direction of upright surface, each node by its area: that of the fourfold angle of its normals, which is
 /// the same for both sides of a wall and for the walls beside it. 0 where nothing is upright.
 fn to_walls(nodes: &[NodeInput]) -> f32 {
-    let (mut sin, mut cos) = (0.0_f64, 0.0_f64);
-    for node in nodes {
+    let all = nodes.iter().flat_map(|node| {
         let share = f64::from(node.area) / node.points.len().max(1) as f64;
-        for (_, n) in node.points.iter().filter(|(_, n)| n.z.abs() < UPRIGHT) {
-            let four = 4.0 * f64::from(n.y).atan2(f64::from(n.x));
-            sin += share * four.sin();
-            cos += share * four.cos();
-        }
+        upright(&node.points).map(move |angle| (angle, share))
+    });
+    (-Fourfold::of(all).angle() / 4.0) as f32
+}
+
+/// Four times the angles of upright normals.
+fn upright(points: &[(Point3<f32>, Vector3<f32>)]) -> impl Iterator<Item = f64> {
+    let faces = points.iter().filter(|(_, n)| n.z.abs() < UPRIGHT);
+    faces.map(|(_, n)| 4.0 * f64::from(n.y).atan2(f64::from(n.x)))
+}
+
+/// A weighted sum of directions, each by four times its angle: quarter turns are the same.
+struct Fourfold {
+    sin: f64,
+    cos: f64,
+    weight: f64,
+}
+
+impl Fourfold {
+    fn of(angles: impl Iterator<Item = (f64, f64)>) -> Self {
+        angles.fold(Self { sin: 0.0, cos: 0.0, weight: 0.0 }, |sum, (angle, w)| Self {
+            sin: sum.sin + w * angle.sin(),
+            cos: sum.cos + w * angle.cos(),
+            weight: sum.weight + w,
+        })
     }
-    (-sin.atan2(cos) / 4.0) as f32
+
+    fn angle(&self) -> f64 {
+        self.sin.atan2(self.cos)
+    }
 }
 
 impl NodeInput {
@@ -182,9 +204,8 @@ fn span(scratch: &mut Vec<f32>, values: impl Iterator<Item = f32>, cut: usize) -
     scratch.clear();
     scratch.extend(values);
     let last = scratch.len() - 1 - cut;
-    let (below, low, above) = scratch.select_nth_unstable_by(cut, f32::total_cmp);
+    let (_, low, above) = scratch.select_nth_unstable_by(cut, f32::total_cmp);
     let low = *low;
-    debug_assert!(below.len() == cut);
     let high = match last.checked_sub(cut + 1) {
         Some(k) => *above.select_nth_unstable_by(k, f32::total_cmp).1,
         None => low,
@@ -207,29 +228,22 @@ fn octagon(dense: &[(Point3<f32>, Vector3<f32>)], centre: [f32; 3], scratch: &mu
 
 /// Upright surfels, as a share of all, from which they tell the direction; and how well they must agree: length of their
 /// mean fourfold direction, of single ones that is 1. Those farther off than `AROUND`, radians, are left out then.
-const FACES: f32 = 0.25;
+const FACES: f64 = 0.25;
 const AGREE: f64 = 0.6;
 const AROUND: f64 = 0.25;
 
 /// The direction that upright surface faces, up to quarter turns: that of a wall whatever hangs on it, and of a cupboard
 /// of which two sides were seen in part. None for what is round or flat.
 fn faces(dense: &[(Point3<f32>, Vector3<f32>)]) -> Option<f32> {
-    let upright = || dense.iter().filter(|(_, n)| n.z.abs() < UPRIGHT);
-    let fourfold = |(_, n): &(Point3<f32>, Vector3<f32>)| 4.0 * f64::from(n.y).atan2(f64::from(n.x));
-    let mean = |angles: &mut dyn Iterator<Item = f64>| {
-        angles.fold((0.0, 0.0, 0), |(s, c, k), a| (s + a.sin(), c + a.cos(), k + 1))
-    };
-    let (sin, cos, count) = mean(&mut upright().map(fourfold));
-    if (count as f32) < FACES * dense.len() as f32 || sin.hypot(cos) < AGREE * f64::from(count) {
+    let all = Fourfold::of(upright(dense).map(|angle| (angle, 1.0)));
+    if all.weight < FACES * dense.len() as f64 || all.sin.hypot(all.cos) < AGREE * all.weight {
         return None;
     }
-    let about = sin.atan2(cos);
-    let near = |a: &f64| {
-        (a - about + PI_64).rem_euclid(2.0 * PI_64) - PI_64 < 4.0 * AROUND
-            && (about - a + PI_64).rem_euclid(2.0 * PI_64) - PI_64 < 4.0 * AROUND
-    };
-    let (sin, cos, _) = mean(&mut upright().map(fourfold).filter(near));
-    Some(((sin.atan2(cos) / 4.0) as f32).rem_euclid(FRAC_PI_2))
+    let about = all.angle();
+    let off = |angle: f64| (angle - about + PI_64).rem_euclid(2.0 * PI_64) - PI_64;
+    let near = upright(dense).filter(|angle| off(*angle).abs() < 4.0 * AROUND);
+    let angle = Fourfold::of(near.map(|angle| (angle, 1.0))).angle();
+    Some(((angle / 4.0) as f32).rem_euclid(FRAC_PI_2))
 }
 
 /// Shorter over longer side below which a footprint is thin, and how far its axis may be from the
@@ -319,6 +333,78 @@ mod tests {
             sheet(2, [3.0, 2.2, 0.0], 0.6, 0.8),
         ];
         NodeSet::new(nodes, 0.35)
+    }
+
+    /// Points of an upright face, facing along its normal: from one end to the other in rows of 0.1 m.
+    fn face(out: &mut Vec<(Point3<f32>, Vector3<f32>)>, from: [f32; 2], to: [f32; 2], n: usize) {
+        let along = Vector3::new(to[0] - from[0], to[1] - from[1], 0.0);
+        let normal = Vector3::new(-along.y, along.x, 0.0).normalize();
+        for k in 0..n {
+            let s = k as f32 / (n - 1) as f32;
+            let p = Point3::new(from[0], from[1], (k % 20) as f32 * 0.1) + along * s;
+            out.push((p, normal));
+        }
+    }
+
+    fn turned(points: &[(Point3<f32>, Vector3<f32>)], yaw: f32) -> Vec<(Point3<f32>, Vector3<f32>)> {
+        let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), yaw);
+        points.iter().map(|(p, n)| (turn * p, turn * n)).collect()
+    }
+
+    /// Difference of two directions that are the same after a quarter turn.
+    fn apart(a: f32, b: f32) -> f32 {
+        let off = (a - b).rem_euclid(FRAC_PI_2);
+        off.min(FRAC_PI_2 - off)
+    }
+
+    #[test]
+    fn a_wall_lies_along_its_face_whatever_stands_out_of_it() {
+        let mut wall = Vec::new();
+        face(&mut wall, [0.0, 0.0], [4.0, 0.0], 600);
+        // A curtain at one end that is gathered at 40 degrees to it: the smallest rectangle leans after it.
+        face(&mut wall, [4.0, 0.0], [4.3, 0.25], 60);
+        for yaw in [0.0, 0.3, 0.9, 1.4, 2.7] {
+            let bounds = quantile_box(&turned(&wall, yaw)).unwrap();
+            let f = bounds.footprint().unwrap();
+            assert!(apart(f.yaw, yaw) < 0.002, "yaw {yaw}: {f:?}");
+        }
+    }
+
+    #[test]
+    fn what_is_round_or_flat_has_no_face() {
+        let round: Vec<_> = (0..400)
+            .map(|k| {
+                let (sin, cos) = (k as f32 * 0.7).sin_cos();
+                (Point3::new(cos, sin, k as f32 * 0.002), Vector3::new(cos, sin, 0.0))
+            })
+            .collect();
+        assert_eq!(faces(&round), None);
+        // A table top: its rectangle tells.
+        let top: Vec<_> = (0..800)
+            .map(|k| (Point3::new((k % 40) as f32 * 0.04, (k / 40) as f32 * 0.04, 0.7), Vector3::z()))
+            .collect();
+        assert_eq!(faces(&top), None);
+        let f = quantile_box(&turned(&top, 0.4)).unwrap().footprint().unwrap();
+        assert!(apart(f.yaw, 0.4) < 0.01, "{f:?}");
+        let [l, w] = f.sides();
+        assert!((l.max(w) - 1.56).abs() < 0.05 && (l.min(w) - 0.76).abs() < 0.05, "{l} {w}");
+    }
+
+    #[test]
+    fn an_octagon_holds_nearly_all_of_its_points_and_each_line_meets_them() {
+        let mut corner = Vec::new();
+        face(&mut corner, [0.0, 0.0], [2.0, 0.0], 500);
+        face(&mut corner, [2.0, 0.0], [2.0, 1.0], 300);
+        let points = turned(&corner, 0.5);
+        let bounds = quantile_box(&points).unwrap();
+        let (f, c) = (bounds.footprint().unwrap(), bounds.centroid());
+        for (k, reach) in f.reach.iter().enumerate() {
+            let (sin, cos) = (f.yaw + k as f32 * FRAC_PI_4).sin_cos();
+            let beyond = points.iter().filter(|(p, _)| (p.x - c.x) * cos + (p.y - c.y) * sin > reach + 1e-5);
+            assert!(beyond.count() <= points.len() / 200, "line {k}");
+            let meets = |p: &Point3<f32>| ((p.x - c.x) * cos + (p.y - c.y) * sin - reach).abs() < 1e-5;
+            assert!(points.iter().any(|(p, _)| meets(p)), "line {k}");
+        }
     }
 
     #[test]

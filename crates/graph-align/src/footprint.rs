@@ -47,14 +47,14 @@ impl Footprint {
         [off[0] * cos - off[1] * sin, off[0] * sin + off[1] * cos]
     }
 
-    /// Farthest that the octagon reaches in a direction, from the centroid, metres.
+    /// Farthest that the octagon reaches in a direction, radians from x: from the centroid, metres.
     #[must_use]
     pub fn support(&self, direction: f32) -> f32 {
         let (k, past) = lines(direction - self.yaw, FRAC_PI_4);
         corner(self.reach[k % 8], past, self.reach[(k + 1) % 8], FRAC_PI_4 - past)
     }
 
-    /// What it takes up along the line at `yaw + k π/4` through a point, `[from, to]`; the centroid stands at `at`.
+    /// What it takes up in a direction and the opposite one, `[from, to]`, where the centroid stands at `at`.
     pub(crate) fn span(&self, angle: f32, at: f32) -> [f32; 2] {
         [at - self.support(angle + 2.0 * FRAC_PI_2), at + self.support(angle)]
     }

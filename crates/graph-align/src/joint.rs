@@ -14,7 +14,7 @@ use std::f64::consts::{FRAC_PI_2, FRAC_PI_4};
 const ROUNDS: u32 = 14;
 /// How much wider than in the end the weights' scales are at first; halved in every round.
 const WIDER: f64 = 8.0;
-/// Residual at which a pull weighs half, and noise of a centroid, metres.
+/// Residual at which a pull weighs half, and noise of a middle, metres.
 const SCALE: f64 = 0.08;
 /// Directions that differ by more than this are those of different sides, radians.
 const ALIKE: f64 = 0.1;
@@ -34,7 +34,7 @@ pub(crate) struct Pull {
 /// What two frames see of it, each in its own coordinates.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Common {
-    /// Its centroid.
+    /// Its middle.
     Place(Point3<f32>, Point3<f32>),
     /// Directions of its sides, radians modulo a quarter turn, and the variance of their difference.
     Side(f32, f32, f32),

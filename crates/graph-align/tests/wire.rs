@@ -205,7 +205,8 @@ fn with_footprints(g: &SceneGraph, seed: u64) -> SceneGraph {
     out
 }
 
-/// Two more classes, and what was looked at in cells of 0.5 m: rooms but for what stands behind furniture.
+/// Two more classes, a rectangle for every fourth node, and what was looked at in cells of 0.5 m:
+/// rooms but for what stands behind furniture.
 fn with_evidence(g: &SceneGraph, rooms: u64, seed: u64) -> (SceneGraph, Looked) {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let mut out = SceneGraph::default();
@@ -213,6 +214,10 @@ fn with_evidence(g: &SceneGraph, rooms: u64, seed: u64) -> (SceneGraph, Looked) 
         let mut n = n.clone();
         n.others =
             (1..3).map(|k| (LabelId((n.label.0 + k) % 20), (rng.next_u64() % 64) as f32 / 127.0)).collect();
+        if n.id.0 % 4 == 0 {
+            let sides = [n.bounds.extent().x, n.bounds.extent().y];
+            n.bounds = n.bounds.with_footprint(Footprint::rectangle(sides, 0.5)).expect("sides of a box");
+        }
         out.insert_node(n);
     }
     g.edges().for_each(|e| out.insert_edge(e).expect("living ends"));

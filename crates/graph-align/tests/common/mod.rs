@@ -70,11 +70,14 @@ pub(crate) fn graph(n: usize) -> impl Strategy<Value = SceneGraph> {
     })
 }
 
-/// A box with a footprint on the grid of frames.
+/// A box with a footprint of some shape, about some place in it.
 fn footprint(b: Box3, k: usize) -> Box3 {
     let e = b.extent();
-    let yaw = (k * 137 % 1024) as f32 / 1023.0 * std::f32::consts::FRAC_PI_2;
-    b.with_footprint(graph_align::Footprint::rectangle([e.x, e.y], yaw)).expect("sides of a box")
+    let mut f = graph_align::Footprint::rectangle([e.x, e.y], (k * 137 % 1024) as f32 / 1023.0 * 1.57);
+    for (i, r) in f.reach.iter_mut().enumerate() {
+        *r *= 0.6 + 0.4 * ((k * 31 + i * 17) % 11) as f32 / 10.0;
+    }
+    b.with_footprint(f).expect("reaches of at least 0")
 }
 
 /// The same graph under other ids, its nodes in another order.
