@@ -46,6 +46,54 @@ impl Hasher for Mix {
 )]
 type Table<V> = std::collections::HashMap<u64, V, BuildHasherDefault<Mix>>;
 
+/// The pairs of a bin. Most bins hold one or two, which then need no memory of their own.
+#[derive(Clone, Debug)]
+enum Bin {
+    Few(u8, [[u32; 2]; 2]),
+    Many(Vec<[u32; 2]>),
+}
+
+impl Default for Bin {
+    fn default() -> Self {
+        Self::Few(0, [[0; 2]; 2])
+    }
+}
+
+impl Bin {
+    fn pairs(&self) -> &[[u32; 2]] {
+        match self {
+            Self::Few(n, pairs) => &pairs[..usize::from(*n)],
+            Self::Many(pairs) => pairs,
+        }
+    }
+
+    fn push(&mut self, pair: [u32; 2]) {
+        match self {
+            Self::Few(n, pairs) if usize::from(*n) < pairs.len() => {
+                pairs[usize::from(*n)] = pair;
+                *n += 1;
+            }
+            Self::Few(_, pairs) => *self = Self::Many(vec![pairs[0], pairs[1], pair]),
+            Self::Many(pairs) => pairs.push(pair),
+        }
+    }
+
+    /// Takes a pair out; true when it was there.
+    fn remove(&mut self, pair: [u32; 2]) -> bool {
+        let Some(at) = self.pairs().iter().position(|p| *p == pair) else { return false };
+        match self {
+            Self::Few(n, pairs) => {
+                *n -= 1;
+                pairs[at] = pairs[usize::from(*n)];
+            }
+            Self::Many(pairs) => {
+                pairs.swap_remove(at);
+            }
+        }
+        true
+    }
+}
+
 /// Places of items, to ask whether one is among them.
 #[allow(clippy::disallowed_types, reason = "never walked through: its order decides nothing")]
 pub(super) type Slots = std::collections::HashSet<u32, BuildHasherDefault<Mix>>;
@@ -191,7 +239,7 @@ pub struct Index {
     frame: Table<Vec<End>>,
     /// Half the longest diagonal of structure so far.
     longest: f32,
-    pairs: Table<Vec<[u32; 2]>>,
+    pairs: Table<Bin>,
     /// Objects by label, and the number of labels that ever occurred.
     labels: Vec<Option<u32>>,
     kinds: usize,
@@ -213,7 +261,10 @@ impl Index {
         let mut index = Self::new(params);
         // In an order of content, so that ids do not decide what is kept of a crowd.
         let mut items: Vec<Item> = graph.nodes().map(Item::of).collect();
-        items.sort_by(Item::order);
+        items.sort_unstable_by(Item::order);
+        index.items.reserve(items.len());
+        index.briefs.reserve(items.len());
+        index.cells.reserve(items.len());
         items.into_iter().for_each(|i| index.insert_item(i));
         index
     }
@@ -255,7 +306,7 @@ impl Index {
         for other in near {
             for_orientations(&End::of(&item, slot), &other, |key, pair| {
                 let bin = self.pairs.entry(key).or_default();
-                if bin.len() < PER_BIN {
+                if bin.pairs().len() < PER_BIN {
                     bin.push(pair);
                     self.entries += 1;
                 }
@@ -285,19 +336,15 @@ impl Index {
         }
         for other in self.neighbours(&item.p) {
             for_orientations(&End::of(&item, slot), &other, |key, pair| {
-                if let Some(list) = self.pairs.get_mut(&key)
-                    && let Some(at) = list.iter().position(|p| *p == pair)
-                {
-                    list.swap_remove(at);
-                    self.entries -= 1;
-                }
+                let gone = self.pairs.get_mut(&key).is_some_and(|bin| bin.remove(pair));
+                self.entries -= usize::from(gone);
             });
         }
     }
 
     /// Objects with which one is paired.
     fn neighbours(&self, p: &Point3<f32>) -> Vec<End> {
-        let mut near = Vec::new();
+        let mut near = Vec::with_capacity(NEIGHBOURS);
         self.walk(false, p, self.range, |end| {
             if near.len() < NEIGHBOURS {
                 near.push(*end);
@@ -388,7 +435,7 @@ impl Index {
 
     /// Pairs of these labels whose distances fall into one bin.
     pub(super) fn pairs(&self, labels: [LabelId; 2], dxy: i32, dz: i32) -> &[[u32; 2]] {
-        self.pairs.get(&pair_key(labels, dxy, dz)).map_or(&[], Vec::as_slice)
+        self.pairs.get(&pair_key(labels, dxy, dz)).map_or(&[], Bin::pairs)
     }
 
     /// Share of a label among all objects, smoothed.
@@ -410,7 +457,13 @@ impl Index {
 }
 
 fn cell(v: f32) -> i32 {
-    (v / CELL).floor() as i32
+    floor(v / CELL)
+}
+
+/// Without a call of a library where the processor at hand may have no instruction for it.
+fn floor(v: f32) -> i32 {
+    let cut = v as i32;
+    cut - i32::from(cut as f32 > v)
 }
 
 fn cell_key(i: i32, j: i32) -> u64 {
@@ -419,7 +472,7 @@ fn cell_key(i: i32, j: i32) -> u64 {
 
 /// Bin of a distance.
 pub(super) fn bin(d: f32) -> i32 {
-    (d / BIN).floor() as i32
+    floor(d / BIN)
 }
 
 fn pair_key([a, b]: [LabelId; 2], dxy: i32, dz: i32) -> u64 {
