@@ -91,22 +91,24 @@ fn run(options: &Options) -> Result<()> {
         estimate_up(&map).map(|u| (world.rotation.inverse() * u).data.0)
     );
     if options.coverage {
-        let Coverage { hit, centre, disc, near } = coverage(&frames, intrinsics, &map);
-        let share = |n: usize| 100.0 * n as f64 / hit.max(1) as f64;
-        println!(
-            "{hit} voxels of 2 cm hit by two or more valid depths: a surfel's centre in {:.1} %, some of its disc in \
-             {:.1} %, in it or a neighbour in {:.1} %",
-            share(centre),
-            share(disc),
-            share(near)
-        );
+        for Coverage { frames, hit, centre, disc, near } in coverage(&frames, intrinsics, &map) {
+            let share = |n: usize| 100.0 * n as f64 / hit.max(1) as f64;
+            println!(
+                "{hit} voxels of 2 cm hit by two or more valid depths in {frames} or more frames: a surfel's centre in \
+                 {:.1} %, some of its disc in {:.1} %, in it or a neighbour in {:.1} %",
+                share(centre),
+                share(disc),
+                share(near)
+            );
+        }
     }
     write_ply(&options.out, &map, &world.inverse())
 }
 
-/// Voxels of 2 cm that two or more valid depths hit, and those of them that hold the centre of a stable surfel, a part
-/// of its disc, or such a part there or in the 26 around.
+/// Voxels of 2 cm that two or more valid depths hit in so many frames, and those of them that hold the centre of a
+/// stable surfel, a part of its disc, or such a part there or in the 26 around.
 struct Coverage {
+    frames: usize,
     hit: usize,
     centre: usize,
     disc: usize,
@@ -125,7 +127,7 @@ fn disc(s: gsm::Surfel) -> impl Iterator<Item = Point3<f32>> {
         .map(move |(u, v)| position + a * u + b * v)
 }
 
-fn coverage(frames: &[Frame], k: Intrinsics, map: &Map) -> Coverage {
+fn coverage(frames: &[Frame], k: Intrinsics, map: &Map) -> [Coverage; 3] {
     let (near, far) = (map.params().min_depth, map.params().max_depth);
     let key = |p: Point3<f32>| [p.x, p.y, p.z].map(|v| (v / 0.02).floor() as i16);
     let mut hit: Vec<[i16; 3]> = Vec::new();
@@ -138,13 +140,8 @@ fn coverage(frames: &[Frame], k: Intrinsics, map: &Map) -> Coverage {
         hit.sort_unstable();
         all.extend(hit.chunk_by(|a, b| a == b).filter(|run| run.len() > 1).map(|run| run[0]));
         hit.clear();
-        if all.len() > 4_000_000 {
-            all.sort_unstable();
-            all.dedup();
-        }
     }
     all.sort_unstable();
-    all.dedup();
     let voxels = |points: &mut dyn Iterator<Item = Point3<f32>>| {
         let mut held: Vec<[i16; 3]> = points.map(key).collect();
         held.sort_unstable();
@@ -156,13 +153,18 @@ fn coverage(frames: &[Frame], k: Intrinsics, map: &Map) -> Coverage {
     let holds = |held: &[[i16; 3]], k: [i16; 3]| held.binary_search(&k).is_ok();
     let about =
         |k: [i16; 3]| (0..27).map(move |i| [k[0] + i / 9 - 1, k[1] + i / 3 % 3 - 1, k[2] + i % 3 - 1]);
-    let count = |test: &dyn Fn([i16; 3]) -> bool| all.iter().filter(|k| test(**k)).count();
-    Coverage {
-        hit: all.len(),
-        centre: count(&|k| holds(&centres, k)),
-        disc: count(&|k| holds(&discs, k)),
-        near: count(&|k| about(k).any(|k| holds(&discs, k))),
-    }
+    [1, 3, 9].map(|frames| {
+        let hit: Vec<[i16; 3]> =
+            all.chunk_by(|a, b| a == b).filter(|run| run.len() >= frames).map(|run| run[0]).collect();
+        let count = |test: &dyn Fn([i16; 3]) -> bool| hit.iter().filter(|k| test(**k)).count();
+        Coverage {
+            frames,
+            hit: hit.len(),
+            centre: count(&|k| holds(&centres, k)),
+            disc: count(&|k| holds(&discs, k)),
+            near: count(&|k| about(k).any(|k| holds(&discs, k))),
+        }
+    })
 }
 
 struct Options {
