@@ -2,18 +2,21 @@
 //! it stopped.
 
 use crate::{cargo, must};
-use anyhow::{Result, bail};
+use anyhow::{Context, Result, bail};
 use std::path::Path;
 use std::process::ExitCode;
 
 const HELP: &str =
-    "cargo xtask train [--rooms N] [--validation N] [--epochs N] [--seed S] [--dir DIR] [--from FILE] [--install]
+    "cargo xtask train [--rooms N] [--seeds N] [--validation N] [--epochs N] [--lr R] [--seed S] [--dir DIR]
+                  [--from FILE] [--install]
 
-  --rooms N        training rooms (300)
+  --rooms N        training rooms of each seed (300)
+  --seeds N        seeds of training rooms, counted up from the first (1)
   --validation N   validation rooms (60)
   --epochs N       epochs (30)
-  --seed S         seed of rooms and training (1)
-  --from FILE      weights to start from, at a third of the learning rate; fresh ones without
+  --lr R           learning rate at the start (1e-3; 3e-4 with --from)
+  --seed S         first seed of rooms, and seed of training (1)
+  --from FILE      weights to start from; fresh ones without
   --dir DIR        samples, checkpoint and weights (runs/train)
   --install        put the weights in fixtures/weights
 ";
@@ -21,8 +24,10 @@ const HELP: &str =
 pub(crate) fn run(args: &[String]) -> Result<ExitCode> {
     let mut opt = [
         ("--rooms", "300"),
+        ("--seeds", "1"),
         ("--validation", "60"),
         ("--epochs", "30"),
+        ("--lr", ""),
         ("--seed", "1"),
         ("--dir", "runs/train"),
         ("--from", ""),
@@ -43,9 +48,12 @@ pub(crate) fn run(args: &[String]) -> Result<ExitCode> {
             },
         }
     }
-    let [rooms, validation, epochs, seed, dir, from] = opt.map(|o| o.1);
+    let [rooms, seeds, validation, epochs, lr, seed, dir, from] = opt.map(|o| o.1);
     let samples = format!("{dir}/samples");
-    for (split, n) in [("train", &rooms), ("validation", &validation)] {
+    let first: u64 = seed.parse().with_context(|| format!("--seed {seed}"))?;
+    let count: u64 = seeds.parse().with_context(|| format!("--seeds {seeds}"))?;
+    let train = (first..first.saturating_add(count)).map(|s| ("train", &rooms, s));
+    for (split, n, seed) in train.chain([("validation", &validation, first)]) {
         must(
             &format!("samples of {n} {split} rooms"),
             &mut cargo(&[
@@ -61,14 +69,24 @@ pub(crate) fn run(args: &[String]) -> Result<ExitCode> {
                 "--rooms",
                 n,
                 "--seed",
-                &seed,
+                &seed.to_string(),
                 "--out",
                 &samples,
             ]),
         )?;
     }
-    let what = format!("generated rooms, split train, seed {seed}, {rooms} rooms, {epochs} epochs");
-    let start = if from.is_empty() { vec![] } else { vec!["--from", from.as_str(), "--lr", "3e-4"] };
+    let of_seeds = if count > 1 {
+        format!("seeds {seed} to {}, each", first.saturating_add(count) - 1)
+    } else {
+        format!("seed {seed},")
+    };
+    let what = format!("generated rooms, split train, {of_seeds} {rooms} rooms, {epochs} epochs");
+    let start = if from.is_empty() { vec![] } else { vec!["--from", from.as_str()] };
+    let lr = match (lr.as_str(), start.is_empty()) {
+        ("", true) => "1e-3",
+        ("", false) => "3e-4",
+        (lr, _) => lr,
+    };
     must(
         "training",
         cargo(&[
@@ -84,6 +102,8 @@ pub(crate) fn run(args: &[String]) -> Result<ExitCode> {
             &dir,
             "--epochs",
             &epochs,
+            "--lr",
+            lr,
             "--seed",
             &seed,
             "--trained-on",
