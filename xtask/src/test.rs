@@ -10,6 +10,15 @@ pub(crate) fn run() -> Result<ExitCode> {
         "clippy",
         &mut cargo(&["clippy", "--quiet", "--workspace", "--all-targets", "--", "-D", "warnings"]),
     )?;
+    // Published alone: each feature on its own, too.
+    for features in ["", "json", "wire"] {
+        let only = format!("--features={features}");
+        let args = ["clippy", "--quiet", "-p", "graph-align", "--no-default-features", &only];
+        must(
+            &format!("clippy, graph-align with features {features:?}"),
+            cargo(&args).args(["--", "-D", "warnings"]),
+        )?;
+    }
     arrows::check()?;
     api::run(false)?;
     let nextest = cargo(&["nextest", "--version"]).output().is_ok_and(|o| o.status.success());

@@ -192,6 +192,7 @@ impl SceneGraph {
     }
 
     /// Takes out one edge.
+    #[cfg(feature = "wire")]
     pub(crate) fn remove_edge(&mut self, e: &Edge) {
         self.remove_edges_if(e.s, e.t, |o| o.p == e.p);
     }

@@ -73,19 +73,6 @@ pub(super) struct Store {
 }
 
 impl Store {
-    /// Of `n` nodes with rising ids.
-    pub(super) fn rising<E>(n: usize, mut next: impl FnMut() -> Result<Node, E>) -> Result<Self, E> {
-        let mut chunks = Vec::with_capacity(n.div_ceil(CHUNK));
-        for from in (0..n).step_by(CHUNK) {
-            let mut chunk = Vec::with_capacity(CHUNK.min(n - from));
-            for _ in from..n.min(from + CHUNK) {
-                chunk.push(Entry::new(next()?));
-            }
-            chunks.push(chunk);
-        }
-        Ok(Self { chunks, len: n })
-    }
-
     pub(super) fn len(&self) -> usize {
         self.len
     }
@@ -158,6 +145,23 @@ impl Store {
 
     pub(super) fn iter_mut(&mut self) -> impl Iterator<Item = &mut Entry> {
         self.chunks.iter_mut().flatten()
+    }
+}
+
+/// What the wire needs: lists in the order of places.
+#[cfg(any(feature = "wire", test))]
+impl Store {
+    /// Of `n` nodes with rising ids.
+    pub(super) fn rising<E>(n: usize, mut next: impl FnMut() -> Result<Node, E>) -> Result<Self, E> {
+        let mut chunks = Vec::with_capacity(n.div_ceil(CHUNK));
+        for from in (0..n).step_by(CHUNK) {
+            let mut chunk = Vec::with_capacity(CHUNK.min(n - from));
+            for _ in from..n.min(from + CHUNK) {
+                chunk.push(Entry::new(next()?));
+            }
+            chunks.push(chunk);
+        }
+        Ok(Self { chunks, len: n })
     }
 
     /// Where the chunks begin in the list of all nodes.
