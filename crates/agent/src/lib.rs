@@ -2,7 +2,8 @@
 //!
 //! The only crate that knows segmentation, inference and graphs at once. The flow of a visit:
 //! [`Robot::segment`] integrates frames, [`Robot::infer`] scores what changed, [`Robot::objects`]
-//! joins segments to objects and looks at them again, [`Robot::graph`] writes the scene graph.
+//! joins segments to objects, looks at them again and joins pieces of walls, [`Robot::graph`] writes the scene
+//! graph.
 //! [`NodeSet`] is what lies between: one node per segment with its points and box, and the pairs of
 //! neighbours; the trainer stores the same thing.
 //!
@@ -27,6 +28,7 @@ mod nodes;
 mod objects;
 mod parts;
 mod robot;
+mod walls;
 
 pub use fusion::{Fused, Scores};
 pub use graph::{GraphParams, build_graph};

@@ -1,6 +1,6 @@
 //! Segments to objects: parts joined, and the network's second look at the joined ones.
 
-use crate::{Error, NodeInput, NodeSet, Scores, parts};
+use crate::{Error, NodeInput, NodeSet, Scores, parts, walls};
 use graph_align::Box3;
 use nalgebra::{Point3, Vector3};
 use std::collections::BTreeMap;
@@ -41,7 +41,23 @@ impl Objects {
                 set.edges.len()
             )));
         }
-        let group = parts::groups(set, scores, predicate_names, min_same_part);
+        Ok(Self::combined(set, scores, &parts::groups(set, scores, predicate_names, min_same_part), gap))
+    }
+
+    /// Joins the pieces of each wall: walls in one plane with no more than 1.5 m between them, unless another wall
+    /// ends there. `gap` as in [`NodeSet::new`].
+    pub fn join_walls(&mut self, class_names: &[String], gap: f32) {
+        let group = walls::groups(&self.set.nodes, &self.scores.classes, class_names);
+        if group.iter().enumerate().all(|(k, &g)| k == g) {
+            return;
+        }
+        let joined = Self::combined(&self.set, &self.scores, &group, gap);
+        let of = self.of.iter().map(|&k| joined.of[k]).collect();
+        *self = Self { of, ..joined };
+    }
+
+    /// One object for each group of nodes.
+    fn combined(set: &NodeSet, scores: &Scores, group: &[usize], gap: f32) -> Self {
         let mut members: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
         group.iter().enumerate().for_each(|(k, &g)| members.entry(g).or_default().push(k));
         let mut of = vec![0; set.nodes.len()];
@@ -55,7 +71,7 @@ impl Objects {
         let set = NodeSet::new(nodes, gap);
         let none = vec![0.0; scores.predicates.first().map_or(0, Vec::len)];
         let predicates = set.edges.iter().map(|e| means.get(e).unwrap_or(&none).clone()).collect();
-        Ok(Self { set, scores: Scores { classes, predicates }, of })
+        Self { set, scores: Scores { classes, predicates }, of }
     }
 
     /// What the network says of the objects as nodes of their own enters with a weight of 0 to 1.

@@ -249,6 +249,7 @@ impl<'m> Robot<'m> {
             };
             objects.look_again(&second, p.graph.second_look);
         }
+        objects.join_walls(&c.class_names, p.nodes.gap);
         Ok(objects)
     }
 

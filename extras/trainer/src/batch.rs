@@ -11,6 +11,9 @@ const MIN_EXTENT: f32 = 1e-3;
 /// By how much a robot may misjudge the direction of the walls, radians.
 const ASTRAY: f32 = 0.09;
 
+/// Share of the nodes of which a training step sees a part only, as a camera that did not go round them.
+const CROPPED: f32 = 0.15;
+
 /// Share of the pairs without relation that a training step sees.
 pub const KEEP_NONE: f32 = 0.5;
 
@@ -45,10 +48,11 @@ pub fn unit(rng: &mut ChaCha8Rng) -> f32 {
 
 impl Batch {
     /// Joins graphs. With `augment`: some quarter turns, a few degrees and perhaps a mirror per graph, sizes scaled by
-    /// up to 5 %, `keep` points per node drawn at random; else the first `keep` points, evenly spaced.
+    /// up to 5 %, some nodes cropped, `keep` points per node drawn at random; else the first `keep` points, evenly spaced.
     pub fn new(graphs: &[&Graph], keep: usize, none: i64, mut augment: Option<Augment<'_>>) -> Result<Self> {
         let (mut points, mut spatial, mut descriptors) = (Vec::<f32>::new(), Vec::<f32>::new(), Vec::new());
-        let (mut index, mut classes, mut predicates) = (Vec::<[usize; 2]>::new(), Vec::<i64>::new(), Vec::new());
+        let (mut index, mut classes, mut predicates) =
+            (Vec::<[usize; 2]>::new(), Vec::<i64>::new(), Vec::new());
         for g in graphs {
             let motion = augment.as_mut().map(|a| {
                 let quarters = (a.rng.next_u32() & 3) as f32 * std::f32::consts::FRAC_PI_2;
@@ -67,6 +71,11 @@ impl Batch {
                     for p in node.chunks_exact_mut(CHANNELS) {
                         p[..3].iter_mut().for_each(|v| *v *= scale);
                     }
+                }
+                if let Some(a) = augment.as_mut()
+                    && unit(a.rng) < CROPPED
+                {
+                    crop(&mut node, a.rng);
                 }
                 let d = descriptor(&node, g.per_node);
                 normalise(&mut node, &d);
@@ -112,6 +121,19 @@ impl Batch {
             classes,
             predicates,
         })
+    }
+}
+
+/// Takes up to half of the points away, those furthest to one side, and puts copies of others in their place.
+fn crop(node: &mut [f32], rng: &mut ChaCha8Rng) {
+    let (s, c) = (std::f32::consts::TAU * unit(rng)).sin_cos();
+    let mut along: Vec<(f32, usize)> =
+        node.chunks_exact(CHANNELS).map(|p| c * p[0] + s * p[1]).zip(0..).collect();
+    along.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let (gone, kept) = along.split_at((0.5 * unit(rng) * along.len() as f32) as usize);
+    for &(_, to) in gone {
+        let from = kept[rng.next_u32() as usize % kept.len()].1;
+        node.copy_within(from * CHANNELS..(from + 1) * CHANNELS, to * CHANNELS);
     }
 }
 
