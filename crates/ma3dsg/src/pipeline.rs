@@ -24,7 +24,7 @@ pub(crate) fn robot(quality: Quality) -> RobotParams {
     };
     let graph = GraphParams {
         min_class: MIN_CLASS,
-        min_same_part: 0.2,
+        min_same_part: 0.35,
         second_look: 0.5,
         min_predicate: 0.5,
         ..GraphParams::default()
