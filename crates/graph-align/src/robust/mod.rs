@@ -253,8 +253,8 @@ fn attempt(index: &Index, query: &Query<'_>, params: &RobustParams, sides: bool)
     let mut work = Work::new(params.budget - params.budget / 4);
     let found = search(&scene, query.prior.as_ref(), &mut work);
     let mut spare = Work::new(params.budget / 4);
-    let outcome = decide(query, &scene, found, work.exhausted, &mut spare);
     let second = sides && query.gravity_aligned && query.prior.is_none();
+    let outcome = decide(query, &scene, found, work.exhausted, second, &mut spare);
     let outcome = match outcome {
         Outcome::NoMatch { why: Why::NoSupport } if second => by_sides(query, &scene, &mut work),
         other => other,
@@ -385,6 +385,7 @@ fn decide(
     scene: &Scene<'_>,
     distinct: Vec<Hypothesis<'_>>,
     exhausted: bool,
+    sides: bool,
     spare: &mut Work,
 ) -> Outcome {
     let params = scene.params;
@@ -408,7 +409,25 @@ fn decide(
     if rivals > 1 {
         return Outcome::Ambiguous { candidates: good[..rivals].iter().map(|h| answer(h, None)).collect() };
     }
+    if let Some(pose) =
+        Some(&good[0]).filter(|_| sides).and_then(|h| laid_by_sides(query, scene, &h.pose, spare))
+    {
+        good[0].pose = pose;
+    }
     Outcome::Match(answer(&good[0], margin))
+}
+
+/// A pose that was found by the middles of objects, laid by their sides: what was seen in part has its middle elsewhere.
+/// None where they do not agree on the place.
+fn laid_by_sides(
+    query: &Query<'_>,
+    scene: &Scene<'_>,
+    pose: &Isometry3<f32>,
+    work: &mut Work,
+) -> Option<Isometry3<f32>> {
+    let laid = sides::Views::of(scene.index, query.graph, scene.params)?.laid(pose, work)?;
+    let (found, centre) = (laid.reference_from_query, vote::centre(scene.query));
+    (laid.objects.0 >= scene.params.fewest && same_pose(&found, pose, &centre)).then_some(found)
 }
 
 fn acceptable(h: &Hypothesis<'_>, bar: f32, params: &RobustParams) -> bool {
