@@ -463,7 +463,7 @@ fn cell(v: f32) -> i32 {
 /// Without a call of a library where the processor at hand may have no instruction for it.
 fn floor(v: f32) -> i32 {
     let cut = v as i32;
-    cut - i32::from(cut as f32 > v)
+    cut.saturating_sub(i32::from(cut as f32 > v))
 }
 
 fn cell_key(i: i32, j: i32) -> u64 {

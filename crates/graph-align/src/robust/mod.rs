@@ -15,7 +15,8 @@
 //!    at places that the query looked at and that have no counterpart are removed.
 //!
 //! 5. *Second chance.* Where nothing was accepted, two graphs of rooms with known footprints are compared by the sides of
-//!    their boxes instead of centres and sizes: what was seen in part agrees in the sides that both saw.
+//!    their boxes instead of centres and sizes: what was seen in part agrees in the sides that both saw. A pose that was
+//!    accepted is laid by them.
 //!
 //! Sources: voting by labelled pairs and verification follow the survey of registration methods
 //! (CLIPPER, ROMAN, TEASER++) only in spirit; the likelihood ratio is our own.
@@ -281,7 +282,7 @@ fn by_sides(query: &Query<'_>, scene: &Scene<'_>, work: &mut Work) -> Outcome {
     if !(sure && seen && margin > BY_SIDES.margin && best.level) {
         return refused(Why::NoSupport);
     }
-    if views.mirrored(work).first().is_some_and(|m| m.evidence >= best.evidence) {
+    if views.mirrored(work).first().is_some_and(|m| *m >= best.evidence) {
         return refused(Why::Mirrored);
     }
     let h = Hypothesis {
