@@ -101,7 +101,7 @@ impl NodeSet {
 }
 
 /// Normals at most this steep are those of upright surface.
-const UPRIGHT: f32 = 0.3;
+pub(crate) const UPRIGHT: f32 = 0.3;
 
 /// The mean direction of upright surface, each node by its area: that of the fourfold angle of its normals, which is
 /// the same for both sides of a wall and for the walls beside it. 0 where nothing is upright.

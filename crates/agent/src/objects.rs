@@ -1,4 +1,4 @@
-//! Segments to objects: parts joined, and the network's second look at the joined ones.
+//! Segments to objects: parts joined, the network's second look at the joined ones, pieces of walls joined.
 
 use crate::{Error, NodeInput, NodeSet, Scores, parts, walls};
 use graph_align::Box3;

@@ -231,7 +231,7 @@ impl<'m> Robot<'m> {
     }
 
     /// The objects that the segments of a node set are parts of. Segments were scored one by one; the
-    /// network has a second look at the objects that they make up.
+    /// network has a second look at the objects that they make up, and what is a piece of one wall then is joined.
     ///
     /// # Errors
     /// Whatever the network refuses.

@@ -1,14 +1,14 @@
 //! Pieces of one wall. What stands before a wall, and doors in it, cut its surface into pieces that are no neighbours,
-//! so that no pair of segments says `same part`; that they lie in one plane does.
+//! so that no pair of segments says `same part`; that they lie in one plane does. Folds of `graph-align` have the same rule,
+//! but boxes alone: those are thicker than the plane where a reveal or a curtain is part of the piece.
 
 use crate::NodeInput;
+use crate::nodes::UPRIGHT;
 use nalgebra::Vector2;
 use std::f32::consts::TAU;
 
 /// Class of which it speaks.
 const WALL: &str = "wall";
-/// Normals at most this steep are those of upright surface.
-const UPRIGHT: f32 = 0.3;
 /// Directions in which the face of a wall is sought, and how far its normals may be from it, radians.
 const DIRECTIONS: usize = 72;
 const AROUND: f32 = 0.2;

@@ -16,7 +16,7 @@ pub(crate) fn segmentation(profile: gsm::Profile) -> gsm::Params {
     gsm::Params { noise: gsm::NoiseModel::of(profile), ..gsm::Params::default() }
 }
 
-/// A robot with the thresholds that were tuned on validation rooms (seed 5; docs/decisions.md).
+/// A robot with the thresholds that were tuned on validation rooms (seeds 5 to 9; docs/decisions.md).
 pub(crate) fn robot(quality: Quality) -> RobotParams {
     let infer_every = match quality {
         Quality::Bench => RobotParams::default().infer_every,

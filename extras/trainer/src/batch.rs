@@ -51,8 +51,7 @@ impl Batch {
     /// up to 5 %, some nodes cropped, `keep` points per node drawn at random; else the first `keep` points, evenly spaced.
     pub fn new(graphs: &[&Graph], keep: usize, none: i64, mut augment: Option<Augment<'_>>) -> Result<Self> {
         let (mut points, mut spatial, mut descriptors) = (Vec::<f32>::new(), Vec::<f32>::new(), Vec::new());
-        let (mut index, mut classes, mut predicates) =
-            (Vec::<[usize; 2]>::new(), Vec::<i64>::new(), Vec::new());
+        let (mut index, mut classes, mut predicates) = (Vec::<[usize; 2]>::new(), Vec::<i64>::new(), Vec::new());
         for g in graphs {
             let motion = augment.as_mut().map(|a| {
                 let quarters = (a.rng.next_u32() & 3) as f32 * std::f32::consts::FRAC_PI_2;
