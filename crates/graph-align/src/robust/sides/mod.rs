@@ -52,7 +52,7 @@ fn about_z(angle: f32) -> UnitQuaternion<f32> {
 pub(super) struct Views<'a> {
     reference: Boxes,
     query: Boxes,
-    /// Whether what is called the query is laid on in truth.
+    /// Whether `query` here is the reference of who asks, and the other way round.
     swapped: bool,
     classes: Vec<f32>,
     sides: Sides,
