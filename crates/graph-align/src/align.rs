@@ -106,6 +106,8 @@ pub enum Why {
     Budget,
     /// The query's mirror image fits better than the query.
     Mirrored,
+    /// What both graphs hold leaves the place open: it can slide or turn and fits as well.
+    Loose,
     /// The algorithm does not search.
     NotSearched,
 }
@@ -120,6 +122,7 @@ impl Why {
             Self::NoSupport => "no-support",
             Self::Budget => "budget",
             Self::Mirrored => "mirrored",
+            Self::Loose => "loose",
             Self::NotSearched => "not-searched",
         }
     }

@@ -16,7 +16,7 @@
 //!
 //! 5. *Second chance.* Where nothing was accepted, two graphs of rooms with known footprints are compared by the sides of
 //!    their boxes instead of centres and sizes: what was seen in part agrees in the sides that both saw. A pose that was
-//!    accepted is laid by them.
+//!    accepted is laid by them. One that can slide or turn and fits as well is refused.
 //!
 //! Sources: voting by labelled pairs and verification follow the survey of registration methods
 //! (CLIPPER, ROMAN, TEASER++) only in spirit; the likelihood ratio is our own.
@@ -207,7 +207,8 @@ const FEWEST_POSES: f32 = 10.0;
 const EXPLAINED: [f32; 2] = [0.6, 0.9];
 
 /// What a pose by sides takes beyond the bar, since its pairs were chosen among many: in all, and of pairs without
-/// structure; its margin; the share of the objects that should have been met; and the noise of centres, metres.
+/// structure; its margin, over other places and over itself when it slides or turns a little; the share of the objects that
+/// should have been met; and the noise of centres, metres.
 struct BySides {
     all: f32,
     objects: f32,
@@ -254,10 +255,12 @@ fn attempt(index: &Index, query: &Query<'_>, params: &RobustParams, sides: bool)
     let mut work = Work::new(params.budget - params.budget / 4);
     let found = search(&scene, query.prior.as_ref(), &mut work);
     let mut spare = Work::new(params.budget / 4);
-    let second = sides && query.gravity_aligned && query.prior.is_none();
-    let outcome = decide(query, &scene, found, work.exhausted, second, &mut spare);
+    let sides = sides && query.prior.is_none();
+    let outcome = decide(query, &scene, found, work.exhausted, sides, &mut spare);
     let outcome = match outcome {
-        Outcome::NoMatch { why: Why::NoSupport } if second => by_sides(query, &scene, &mut work),
+        Outcome::NoMatch { why: Why::NoSupport } if sides && scene.upright => {
+            by_sides(query, &scene, &mut work)
+        }
         other => other,
     };
     (outcome, work.spent() + spare.spent())
@@ -284,6 +287,9 @@ fn by_sides(query: &Query<'_>, scene: &Scene<'_>, work: &mut Work) -> Outcome {
     }
     if views.mirrored(work).first().is_some_and(|m| *m >= best.evidence) {
         return refused(Why::Mirrored);
+    }
+    if let Some(why) = why_loose(&views, &best.reference_from_query, work) {
+        return refused(why);
     }
     let h = Hypothesis {
         pose: best.reference_from_query,
@@ -410,25 +416,44 @@ fn decide(
     if rivals > 1 {
         return Outcome::Ambiguous { candidates: good[..rivals].iter().map(|h| answer(h, None)).collect() };
     }
-    if let Some(pose) =
-        Some(&good[0]).filter(|_| sides).and_then(|h| laid_by_sides(query, scene, &h.pose, spare))
-    {
-        good[0].pose = pose;
+    if sides {
+        match laid_by_sides(query, scene, &good[0].pose, spare) {
+            Laid::Unknown => {}
+            Laid::Here(pose) => good[0].pose = pose,
+            Laid::Refused(why) => return Outcome::NoMatch { why },
+        }
     }
     Outcome::Match(answer(&good[0], margin))
 }
 
+/// What sides say of a pose that was found by the middles of objects.
+enum Laid {
+    /// Nothing: footprints are not known, or too few agree.
+    Unknown,
+    /// They agree on this place nearby.
+    Here(Isometry3<f32>),
+    /// They agree as well somewhat further on, or it could not be found out.
+    Refused(Why),
+}
+
 /// A pose that was found by the middles of objects, laid by their sides: what was seen in part has its middle elsewhere.
-/// None where they do not agree on the place.
-fn laid_by_sides(
-    query: &Query<'_>,
-    scene: &Scene<'_>,
-    pose: &Isometry3<f32>,
-    work: &mut Work,
-) -> Option<Isometry3<f32>> {
-    let laid = sides::Views::of(scene.index, query.graph, scene.params)?.laid(pose, work)?;
-    let (found, centre) = (laid.reference_from_query, vote::centre(scene.query));
-    (laid.objects.0 >= scene.params.fewest && same_pose(&found, pose, &centre)).then_some(found)
+fn laid_by_sides(query: &Query<'_>, scene: &Scene<'_>, pose: &Isometry3<f32>, work: &mut Work) -> Laid {
+    let Some(views) = sides::Views::of(scene.index, query.graph, scene.params) else { return Laid::Unknown };
+    let centre = vote::centre(scene.query);
+    let near = |l: &sides::Pose| {
+        l.objects.0 >= scene.params.fewest && same_pose(&l.reference_from_query, pose, &centre)
+    };
+    let Some(laid) = views.laid(pose, work).filter(near) else { return Laid::Unknown };
+    why_loose(&views, &laid.reference_from_query, work)
+        .map_or(Laid::Here(laid.reference_from_query), Laid::Refused)
+}
+
+/// Why a pose does not hold, if so.
+fn why_loose(views: &sides::Views<'_>, pose: &Isometry3<f32>, work: &mut Work) -> Option<Why> {
+    match views.hold(pose, work) {
+        Some(held) => (held < BY_SIDES.margin).then_some(Why::Loose),
+        None => Some(Why::Budget),
+    }
 }
 
 fn acceptable(h: &Hypothesis<'_>, bar: f32, params: &RobustParams) -> bool {

@@ -4,7 +4,7 @@ use super::say;
 use crate::{files, pipeline};
 use anyhow::{Context, Result};
 use graph_align::json::{GraphFile, pairs_line, row_major};
-use graph_align::{Outcome, Params, Query, RobustParams, Vocabulary, align, update};
+use graph_align::{Outcome, Params, Query, RobustParams, Vocabulary, Why, align, update};
 use nalgebra::Isometry3;
 use serde_json::{Value, json};
 use std::path::PathBuf;
@@ -49,7 +49,9 @@ impl Args {
             let prior = self.shared_frame.then(Isometry3::identity);
             let ask = Query { prior, gravity_aligned: *up && loaded[0].1, ..Query::new(query) };
             let mut outcome = align(&graph, &ask, &params);
-            if ask.gravity_aligned && matches!(outcome, Outcome::NoMatch { .. }) {
+            // What was found upright, but not well enough, is not looked for otherwise.
+            let nowhere = |why| why != Why::Loose && why != Why::Mirrored;
+            if ask.gravity_aligned && matches!(outcome, Outcome::NoMatch { why } if nowhere(why)) {
                 // An estimated up may be wrong: any rotation then.
                 outcome = align(&graph, &Query { gravity_aligned: false, ..ask }, &params);
             }

@@ -6,6 +6,7 @@ use crate::robust::Work;
 use crate::robust::vote::Hit;
 use crate::seen::{NOISE, Seen};
 use nalgebra::{Matrix3, Vector3};
+use std::f32::consts::FRAC_PI_4;
 
 /// Where a counterpart might lie by chance: m² on the ground times metres of height, at sizes as they come.
 const WINDOW: f32 = 4.0 * 4.0 * 1.5;
@@ -23,6 +24,11 @@ const WIDE: f32 = 5.0;
 const TURN_NOISE: f32 = 0.05;
 /// Boxes with so much space between them in some direction are no pair, metres.
 const APART: f32 = 0.5;
+
+/// How far a pose that holds may not slide, metres, and what it may turn while it slides; how far it may not turn, radians.
+const SLIDES: [f32; 2] = [0.2, 0.35];
+const TURN: f32 = 0.05;
+const TURNS: [f32; 2] = [0.1, 0.175];
 
 /// Both graphs along the walls, under one of the four turns.
 pub(super) struct Face<'a> {
@@ -70,7 +76,8 @@ impl<'a> Face<'a> {
             for (j, q) in query.iter().enumerate() {
                 let class = classes[i * query.len() + j];
                 let fixed = class + WINDOW.ln();
-                let most = face.worth(r, q, fixed, std::array::from_fn(|k| (r.half[k] - q.half[k]).abs()));
+                let coincide = std::array::from_fn(|k| (r.half[k] - q.half[k]).abs());
+                let most = face.worth(r, q, fixed, coincide).min(MOST) - CHOICE;
                 if most > 0.0 {
                     let (i, j) = (i as u16, j as u16);
                     face.likely.push(Likely { i, j, fixed, proposes: class > UNLIKELY, most });
@@ -80,14 +87,14 @@ impl<'a> Face<'a> {
         face
     }
 
-    /// What a pair is worth whose centres are `d` apart.
+    /// What a pair is worth whose centres are `d` apart, before the cap.
     fn worth(&self, r: &Slab, q: &Slab, fixed: f32, d: [f32; 3]) -> f32 {
         let mut sum = fixed;
         for (k, d) in d.into_iter().enumerate() {
             let (length, off) = (r.length[k].max(q.length[k]), r.half[k] - q.half[k]);
             sum += self.sides.ln_density(length, d - off) + self.sides.ln_density(length, d + off);
         }
-        sum.min(MOST) - CHOICE
+        sum
     }
 
     /// Shifts under which sides of two boxes coincide in every direction.
@@ -118,6 +125,11 @@ impl<'a> Face<'a> {
 
     /// Pairs that choose each other, and what all are worth together.
     pub(super) fn pairs(&self, moved: &[[f32; 3]]) -> (Vec<Pair>, f32) {
+        self.pairs_capped(moved, MOST)
+    }
+
+    /// The same with another cap on what a pair is worth.
+    fn pairs_capped(&self, moved: &[[f32; 3]], cap: f32) -> (Vec<Pair>, f32) {
         let (n, m) = (self.reference.len(), self.query.len());
         let mut best = (vec![(0.0, m); n], vec![(0.0, n); m]);
         for pair in &self.likely {
@@ -127,7 +139,7 @@ impl<'a> Face<'a> {
             if (0..3).any(|k| d[k].abs() > r.half[k] + q.half[k] + APART) {
                 continue;
             }
-            let worth = self.worth(r, q, pair.fixed, d);
+            let worth = self.worth(r, q, pair.fixed, d).min(cap) - CHOICE;
             if worth > best.0[i].0 {
                 best.0[i] = (worth, j);
             }
@@ -225,10 +237,43 @@ impl<'a> Face<'a> {
                 return None;
             }
         }
+        Some(self.at(motion))
+    }
+
+    /// What a motion is worth as it is.
+    pub(super) fn at(&self, motion: Motion) -> Fitted {
         let moved = self.moved(&motion);
         let (pairs, evidence) = self.pairs(&moved);
         let objects: Vec<f32> = pairs.iter().filter(|p| !self.is_structure(p)).map(|p| p.2).collect();
         let objects = (objects.len(), objects.iter().sum());
-        Some(Fitted { motion, evidence, objects, common: self.common(&moved), level: self.is_level(&moved) })
+        Fitted { motion, evidence, objects, common: self.common(&moved), level: self.is_level(&moved) }
     }
+
+    /// The least evidence that a motion loses when it slides or turns a little; of no pair is anything capped, since each
+    /// that agrees holds it. None beyond the budget.
+    pub(super) fn hold(&self, motion: Motion, work: &mut Work) -> Option<f32> {
+        let worth = |[x, y, z, turn]: [f32; 4]| {
+            let by = Motion { turn: motion.turn + turn, shift: add(motion.shift, [x, y, z]) };
+            self.pairs_capped(&self.moved(&by), f32::INFINITY).1
+        };
+        let slides = SLIDES.into_iter().flat_map(|r| {
+            let to = move |k: usize| (k as f32 * FRAC_PI_4).sin_cos();
+            let level =
+                (0..8).map(to).flat_map(move |(s, c)| [-TURN, 0.0, TURN].map(|t| [r * c, r * s, 0.0, t]));
+            level.chain([r, -r].map(|z| [0.0, 0.0, z, 0.0]))
+        });
+        let turns = TURNS.into_iter().flat_map(|t| [t, -t]).map(|t| [0.0, 0.0, 0.0, t]);
+        let mut most = f32::MIN;
+        for by in slides.chain(turns) {
+            if !work.spend(self.likely.len() as u64) {
+                return None;
+            }
+            most = most.max(worth(by));
+        }
+        Some(worth([0.0; 4]) - most)
+    }
+}
+
+fn add(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
+    std::array::from_fn(|k| a[k] + b[k])
 }

@@ -85,26 +85,48 @@ impl<'a> Views<'a> {
         self.search(&self.query.mirrored(), work).into_iter().map(|p| p.evidence).collect()
     }
 
-    /// A pose laid by sides: near it, where they agree better. None where they do not.
+    /// A pose laid by sides: near it, where they agree at least as well.
     pub(super) fn laid(&self, pose: &Isometry3<f32>, work: &mut Work) -> Option<Pose> {
+        let Start { turn, motion } = self.start(pose);
+        self.face(turn, work, |face, work| {
+            let laid = [face.settle(motion, work)?, face.at(motion)];
+            let laid = laid.into_iter().reduce(|a, b| if b.evidence >= a.evidence { b } else { a })?;
+            let laid = self.pose(&self.query, turn, laid);
+            Some(Pose { reference_from_query: self.seen_so(&laid.reference_from_query), ..laid })
+        })
+    }
+
+    /// The least evidence that a pose loses when it slides or turns a little. None beyond the budget.
+    pub(super) fn hold(&self, pose: &Isometry3<f32>, work: &mut Work) -> Option<f32> {
+        let Start { turn, motion } = self.start(pose);
+        self.face(turn, work, |face, work| face.hold(motion, work))
+    }
+
+    /// Where the fit of a pose begins. Of a pose that tilts, what it is without the tilt.
+    fn start(&self, pose: &Isometry3<f32>) -> Start {
         let (reference, query, pose) = (&self.reference, &self.query, self.seen_so(pose));
         let x = pose.rotation * Vector3::x();
         let yaw = x.y.atan2(x.x) - reference.turn + query.turn;
         let quarter = (yaw / FRAC_PI_2).round();
-        let turn = quarter * FRAC_PI_2 - query.turn;
-        let slabs = reference.turned(-reference.turn, self.structure);
-        let turned = query.turned(turn, self.structure);
-        if !work.spend((slabs.len() * turned.len()) as u64) {
-            return None;
-        }
-        let face = Face::new(&slabs, &turned, &self.classes, &self.sides);
         let middle = pose * Point3::from(query.middle) - reference.middle;
         let shift = about_z(-reference.turn) * middle.coords;
         let motion = Motion { turn: yaw - quarter * FRAC_PI_2, shift: shift.into() };
-        let before = face.pairs(&face.moved(&motion)).1;
-        let laid = Some(face.settle(motion, work)?).filter(|f| f.evidence > before);
-        let laid = self.pose(query, turn, laid?);
-        Some(Pose { reference_from_query: self.seen_so(&laid.reference_from_query), ..laid })
+        Start { turn: quarter * FRAC_PI_2 - query.turn, motion }
+    }
+
+    /// Both graphs along the walls, the query turned. None beyond the budget.
+    fn face<T>(
+        &self,
+        turn: f32,
+        work: &mut Work,
+        then: impl FnOnce(&Face<'_>, &mut Work) -> Option<T>,
+    ) -> Option<T> {
+        let slabs = self.reference.turned(-self.reference.turn, self.structure);
+        let turned = self.query.turned(turn, self.structure);
+        if !work.spend((slabs.len() * turned.len()) as u64) {
+            return None;
+        }
+        then(&Face::new(&slabs, &turned, &self.classes, &self.sides), work)
     }
 
     /// A pose of the one, as seen from the one that is asked.
@@ -147,6 +169,12 @@ impl<'a> Views<'a> {
         found.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
         found
     }
+}
+
+/// Where a fit begins: the query's turn to the walls, and the motion beside it.
+struct Start {
+    turn: f32,
+    motion: Motion,
 }
 
 /// The most promising proposals, best first: what they are worth as they are, the turn, the motion.
@@ -273,9 +301,12 @@ mod tests {
 
     #[test]
     fn what_is_found_by_middles_is_laid_by_sides() {
-        let (a, mut b) = (pillars(0.0, 2.0), pillars(0.0, 2.0));
+        let floor = [[-1.0, -1.0, -0.05], [4.5, 3.5, 0.0]];
+        let (mut a, mut b) = (pillars(0.0, 2.0), pillars(0.0, 2.0));
+        a.push(floor);
         // Two fifths of each are hidden from the one, on the same side: the middles agree on a place that is off.
         b.iter_mut().for_each(|p| p[1][0] -= 0.4 * (p[1][0] - p[0][0]));
+        b.push(floor);
         let (b, of_b) = moved(&b, 0.8, [3.0, -2.0, 0.5]);
         let query = crate::Query::new(&b);
         let index = Index::of(&graph(&a), &RobustParams::default());
@@ -290,6 +321,38 @@ mod tests {
         let by_sides = off(super::super::align(&index, &query, &RobustParams::default()));
         assert!(by_middles.0 > 0.08 && by_sides.0 < 0.05, "{by_middles:?}, {by_sides:?}");
         assert!(by_sides.1 < by_middles.1, "{by_middles:?}, {by_sides:?}");
+    }
+
+    /// Benches of 1.6 m side by side, and what a view shows of them: of each end so much is hidden, metres.
+    fn benches(hidden: [[f32; 2]; 6], along: usize) -> SceneGraph {
+        let across = 1 - along;
+        let bench = |(k, [low, high]): (usize, [f32; 2])| {
+            let (mut from, mut to) = ([0.0; 3], [0.0, 0.0, 0.5 + 0.1 * k as f32]);
+            (from[along], to[along]) = (low, 1.6 - high);
+            from[across] = [0.0, 0.9, 1.5, 2.8, 3.5, 4.9][k];
+            to[across] = from[across] + 0.3 + 0.05 * k as f32;
+            [from, to]
+        };
+        graph(&hidden.into_iter().enumerate().map(bench).collect::<Vec<_>>())
+    }
+
+    #[test]
+    fn what_can_slide_is_refused() {
+        let params = RobustParams::default();
+        let ends = [[0.2, 0.5], [0.5, 0.2], [0.35, 0.25], [0.1, 0.4], [0.55, 0.35], [0.3, 0.6]];
+        for along in 0..2 {
+            let index = Index::of(&benches([[0.0; 2]; 6], along), &params);
+            let ask =
+                |hidden| super::super::align(&index, &crate::Query::new(&benches(hidden, along)), &params);
+            // Where all ends are seen, and where those of one side and some of the other are.
+            for seen in [[[0.0; 2]; 6], ends.map(|[low, _]| [if low < 0.25 { 0.0 } else { low }, 0.0])] {
+                let crate::Outcome::Match(m) = ask(seen) else { panic!("{along}: {:?}", ask(seen)) };
+                assert!(m.reference_from_query.translation.vector.norm() < 0.05, "{along}: {m:?}");
+            }
+            // Where no end is, they lie anywhere along.
+            let open = ask(ends);
+            assert!(matches!(open, crate::Outcome::NoMatch { why: crate::Why::Loose }), "{along}: {open:?}");
+        }
     }
 
     #[test]
