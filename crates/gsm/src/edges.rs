@@ -2,8 +2,12 @@
 
 use crate::Params;
 use crate::frame::{BAND, EDGE, Frame, NO_PLANE, dot};
-use crate::lanes::{LANES, Lanes, load, same, some, wide};
+use crate::lanes::{LANES, Lanes, first, load, same, some, wide, word};
+use crate::noise::RADIUS_MAX;
 use rayon::prelude::*;
+
+/// Sides are compared at this distance at most, pixels.
+const MOST: usize = RADIUS_MAX as usize + 1;
 
 /// Writes `edge`. A pixel is an edge when it has no normal, when a link to one of its four neighbours is broken,
 /// or when the points on both sides of it, along row or column at the window's reach, form a concave crease
@@ -16,13 +20,53 @@ pub(crate) fn edges(frame: &mut Frame, params: &Params) {
         wide(
             #[inline(always)]
             || {
+                let mut reach = Reach::new(w);
                 for (y, edge) in edge.chunks_exact_mut(w).enumerate() {
-                    test.row(b * BAND + y, edge);
+                    let y = b * BAND + y;
+                    reach.read(test.frame, y, edge);
+                    test.row(y, &reach, edge);
                 }
             },
         );
     });
     frame.edge = edge;
+}
+
+/// The distances at which the two sides of each pixel of a row are compared, along row and column; 0 where a link is
+/// broken.
+struct Reach {
+    along: Vec<u8>,
+    across: Vec<u8>,
+}
+
+impl Reach {
+    fn new(width: usize) -> Self {
+        // Words are read beyond the last pixel.
+        let row = || vec![0; width + LANES];
+        Self { along: row(), across: row() }
+    }
+
+    /// Of row `y`; writes what makes a pixel of it an edge by itself.
+    #[inline(always)]
+    fn read(&mut self, frame: &Frame, y: usize, edge: &mut [u8]) {
+        let row = y * edge.len()..(y + 1) * edge.len();
+        let [l, r, u, d] = &frame.arms;
+        let arms =
+            (l[row.clone()].iter().zip(&r[row.clone()])).zip(u[row.clone()].iter().zip(&d[row.clone()]));
+        let input = arms.zip(&frame.reach[row.clone()]);
+        for ((((&l, &r), (&u, &d)), &reach), (along, across)) in
+            input.zip(self.along.iter_mut().zip(&mut self.across))
+        {
+            let (a, b) = (l.min(r), u.min(d));
+            let open = if a.min(b) == 0 { 0 } else { reach };
+            (*along, *across) = (a.min(open), b.min(open));
+        }
+        let reach = self.along.iter().zip(&self.across);
+        for ((edge, &own), (&along, &across)) in edge.iter_mut().zip(&frame.smooth[row]).zip(reach) {
+            let none = if own == 0.0 { EDGE | NO_PLANE } else { 0 };
+            *edge = if along.min(across) == 0 { EDGE } else { 0 } | none;
+        }
+    }
 }
 
 /// Normal (three), depth and ray (two) of eight pixels on either side.
@@ -37,56 +81,47 @@ struct Test<'a> {
 }
 
 impl Test<'_> {
+    /// Finds the edges of row `y` among the pixels whose links hold.
     #[inline(always)]
-    fn row(&self, y: usize, edge: &mut [u8]) {
+    fn row(&self, y: usize, reach: &Reach, edge: &mut [u8]) {
         let w = edge.len();
-        let row = y * w;
-        let (mut along, mut across);
         for (x, edge) in edge.chunks_mut(LANES).enumerate().map(|(c, e)| (c * LANES, e)) {
-            (along, across) = ([0; LANES], [0; LANES]);
-            self.reach(row + x, &mut along[..edge.len()], &mut across[..edge.len()]);
-            let (k, m) = (u64::from_le_bytes(along), u64::from_le_bytes(across));
-            // A pixel of a broken link is an edge, whatever the others do.
+            let (k, m) = (word(&reach.along, x), word(&reach.across, x));
             let care = some(k) & some(m);
-            let own = load(&self.frame.smooth, row + x);
             if care == 0 {
-                for (e, own) in edge.iter_mut().zip(own) {
-                    *e = EDGE | without(own);
-                }
                 continue;
             }
-            let (place, i) = ([x, y], row + x);
+            let (place, i) = ([x, y], y * w + x);
             let mut hit;
             match (same(k, care), same(m, care)) {
                 (Some(k), Some(m)) if edge.len() == LANES && x >= k => {
                     hit = self.creased(&self.beside(place, k), i);
                     or(&mut hit, self.creased(&self.above(place, m), i));
                 }
+                _ if edge.len() == LANES && x >= MOST => {
+                    hit = [0; LANES];
+                    let mut left = care;
+                    while left != 0 {
+                        let (reach, lanes) = first(k, left);
+                        or_some(&mut hit, self.creased(&self.beside(place, reach), i), lanes);
+                        left &= !lanes;
+                    }
+                    left = care;
+                    while left != 0 {
+                        let (reach, lanes) = first(m, left);
+                        or_some(&mut hit, self.creased(&self.above(place, reach), i), lanes);
+                        left &= !lanes;
+                    }
+                }
                 _ => {
-                    let sides = self.gather(place, along, across);
+                    let sides = self.gather(place, k.to_le_bytes(), m.to_le_bytes());
                     hit = self.creased(&sides[0], i);
                     or(&mut hit, self.creased(&sides[1], i));
                 }
             }
-            for (j, e) in edge.iter_mut().enumerate() {
-                let cut = (along[j] == 0) | (across[j] == 0) | (own[j] == 0.0) | (hit[j] != 0);
-                *e = if cut { EDGE | without(own[j]) } else { 0 };
+            for (e, hit) in edge.iter_mut().zip(hit) {
+                *e |= hit as u8 * EDGE;
             }
-        }
-    }
-
-    /// The distances at which the sides of the pixels from `i` on are compared along row and column; 0 where a link
-    /// is broken.
-    #[inline(always)]
-    fn reach(&self, i: usize, along: &mut [u8], across: &mut [u8]) {
-        let n = i..i + along.len();
-        let [l, r, u, d] = &self.frame.arms;
-        let (l, r, u, d) = (&l[n.clone()], &r[n.clone()], &u[n.clone()], &d[n.clone()]);
-        let reach = &self.frame.reach[n];
-        for (j, (along, across)) in along.iter_mut().zip(across).enumerate() {
-            let (a, b) = (l[j].min(r[j]), u[j].min(d[j]));
-            let open = if a.min(b) == 0 { 0 } else { reach[j] };
-            (*along, *across) = (a.min(open), b.min(open));
         }
     }
 
@@ -162,10 +197,12 @@ impl Test<'_> {
     }
 }
 
-/// Whether a pixel of smoothed depth `own` lacks a plane.
+/// Like [`or`], for the lanes whose bytes are ones.
 #[inline(always)]
-fn without(own: f32) -> u8 {
-    if own == 0.0 { NO_PLANE } else { 0 }
+fn or_some(a: &mut [u32; LANES], b: [u32; LANES], lanes: u64) {
+    for j in 0..LANES {
+        a[j] |= b[j] & (lanes >> (8 * j)) as u32 & 1;
+    }
 }
 
 #[inline(always)]

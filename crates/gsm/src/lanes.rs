@@ -45,6 +45,13 @@ pub(crate) fn same(word: u64, care: u64) -> Option<usize> {
     ((word ^ byte.wrapping_mul(EACH)) & care == 0).then_some(byte as usize)
 }
 
+/// The lowest byte of a word for which `care` has ones, and all of those that are equal to it.
+#[inline(always)]
+pub(crate) fn first(word: u64, care: u64) -> (usize, u64) {
+    let byte = word >> (care.trailing_zeros() & 56) & 0xff;
+    (byte as usize, care & !some(word ^ byte.wrapping_mul(EACH)))
+}
+
 /// All ones in the bytes that are not zero.
 #[inline(always)]
 pub(crate) fn some(word: u64) -> u64 {

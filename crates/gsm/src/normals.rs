@@ -67,14 +67,18 @@ fn arms(frame: &mut Frame) {
     let rows = (links.par_chunks(band), radius.par_chunks(band));
     (rows, left.par_chunks_mut(band), right.par_chunks_mut(band)).into_par_iter().for_each(
         |((links, radius), left, right)| {
-            for (((links, radius), left), right) in links
-                .chunks_exact(w)
-                .zip(radius.chunks_exact(w))
-                .zip(left.chunks_exact_mut(w))
-                .zip(right.chunks_exact_mut(w))
-            {
-                arms_along(links, radius, left, right);
-            }
+            wide(
+                #[inline(always)]
+                || {
+                    let mut along = Along::new(w);
+                    let rows = links.chunks_exact(w).zip(radius.chunks_exact(w));
+                    for ((links, radius), (left, right)) in
+                        rows.zip(left.chunks_exact_mut(w).zip(right.chunks_exact_mut(w)))
+                    {
+                        along.arms(links, radius, left, right);
+                    }
+                },
+            );
         },
     );
     let rows = radius.par_chunks(band);
@@ -88,17 +92,48 @@ fn arms(frame: &mut Frame) {
     );
 }
 
-fn arms_along(links: &[u8], radius: &[u8], left: &mut [u8], right: &mut [u8]) {
-    let (mut run, mut joined) = (0u8, 0u8);
-    for ((&link, &r), left) in links.iter().zip(radius).zip(left) {
-        run = (run.min(RADIUS_MAX) + 1) & joined;
-        *left = run.min(r);
-        joined = (link & RIGHT).wrapping_neg();
+/// Workspace for the arms along a row.
+struct Along {
+    /// Ones where a pixel is linked to its right, with zeros around.
+    joined: Vec<u8>,
+    /// Ones where all links so far hold.
+    whole: Vec<u8>,
+}
+
+impl Along {
+    const REACH: usize = RADIUS_MAX as usize;
+
+    fn new(width: usize) -> Self {
+        Self { joined: vec![0; width + 2 * Self::REACH], whole: vec![0; width] }
     }
-    run = 0;
-    for ((&link, &r), right) in links.iter().zip(radius).zip(right).rev() {
-        run = (run.min(RADIUS_MAX) + 1) & (link & RIGHT).wrapping_neg();
-        *right = run.min(r);
+
+    /// The horizontal arms of a row.
+    #[inline(always)]
+    fn arms(&mut self, links: &[u8], radius: &[u8], left: &mut [u8], right: &mut [u8]) {
+        for (joined, &link) in self.joined[Self::REACH..].iter_mut().zip(links) {
+            *joined = link & RIGHT;
+        }
+        let most = usize::from(radius.iter().fold(0, |most, &r| most.max(r)));
+        self.arm(radius, left, (1..=most).map(|k| Self::REACH - k));
+        self.arm(radius, right, (0..most).map(|k| Self::REACH + k));
+    }
+
+    /// As many links from each pixel on as hold one after the other, up to its radius: the first of the row's are at
+    /// `places`.
+    #[inline(always)]
+    fn arm(&mut self, radius: &[u8], arm: &mut [u8], places: impl Iterator<Item = usize>) {
+        arm.fill(0);
+        self.whole.fill(1);
+        for place in places {
+            let links = &self.joined[place..place + arm.len()];
+            for ((arm, whole), &link) in arm.iter_mut().zip(&mut self.whole).zip(links) {
+                *whole &= link;
+                *arm += *whole;
+            }
+        }
+        for (arm, &r) in arm.iter_mut().zip(radius) {
+            *arm = (*arm).min(r);
+        }
     }
 }
 

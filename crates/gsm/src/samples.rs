@@ -161,10 +161,18 @@ impl Gate<'_> {
         let pixel = |[a, b]: [usize; 2]| (y + b) * f.width + x + a;
         let rank = |p: &[usize; 2]| {
             let i = pixel(*p);
-            (f.smooth[i] > 0.0 && f.label[i] != 0, f.smooth[i] > 0.0, f.z[i] > 0.0)
+            // What has a plane has a depth.
+            if f.smooth[i] > 0.0 { 2 + u8::from(f.label[i] != 0) } else { u8::from(f.z[i] > 0.0) }
         };
-        // The first of the best.
-        let best = places.into_iter().rev().max_by_key(rank).unwrap_or([high, high]);
+        // The first of the best, mostly the first.
+        let (mut best, mut most) = (places[0], rank(&places[0]));
+        for place in &places[1..] {
+            if most == 3 {
+                break;
+            }
+            let rank = rank(place);
+            (best, most) = if rank > most { (*place, rank) } else { (best, most) };
+        }
         let i = pixel(best);
         let mut s = self.sample(i);
         if s.smooth > 0.0 {

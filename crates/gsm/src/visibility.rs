@@ -1,9 +1,10 @@
 //! Bricks in view, and the coarse grid of what was looked through, seen, or not looked at.
 
+use crate::Intrinsics;
 use crate::associate::Pose;
 use crate::bricks::Bricks;
-use crate::frame::{Frame, dot, sub};
-use crate::lanes::{LANES, wide};
+use crate::frame::{Frame, dot};
+use crate::lanes::{LANES, Lanes, wide};
 use crate::store::Step;
 use nalgebra::Point3;
 
@@ -201,6 +202,26 @@ fn reach(frame: &Frame, pose: &Pose, far: f32, side: f32) -> ([i32; 3], [i32; 3]
     ([0, 1, 2].map(|k| key(low[k], k) - 1), [0, 1, 2].map(|k| key(high[k], k) + 1))
 }
 
+/// Depth, column and row of the middles of a cell's octants.
+#[inline(always)]
+fn octants(camera: &Intrinsics, axes: [[f32; 3]; 3], centre: [f32; 3]) -> (Lanes, Lanes, Lanes) {
+    let mut p = centre.map(|c| [c; LANES]);
+    for (k, axis) in axes.iter().enumerate() {
+        for (p, &a) in p.iter_mut().zip(axis) {
+            for (octant, p) in p.iter_mut().enumerate() {
+                *p += if octant >> k & 1 == 1 { a } else { -a };
+            }
+        }
+    }
+    let [x, y, z] = p;
+    let (mut u, mut v) = ([0.0; LANES], [0.0; LANES]);
+    for k in 0..LANES {
+        u[k] = camera.fx() * x[k] / z[k] + camera.cx() + 0.5;
+        v[k] = camera.fy() * y[k] / z[k] + camera.cy() + 0.5;
+    }
+    (z, u, v)
+}
+
 /// Marks the octants of one cell; false when a needed brick could not be made.
 fn mark(
     frame: &Frame,
@@ -213,24 +234,19 @@ fn mark(
     let Some(camera) = &frame.camera else { return true };
     let quarter = 0.25 * bricks.side;
     let axes = [[quarter, 0.0, 0.0], [0.0, quarter, 0.0], [0.0, 0.0, quarter]].map(|a| pose.unturn(a));
+    let (depth, u, v) = wide(
+        #[inline(always)]
+        || octants(camera, axes, centre),
+    );
     let (mut through, mut surface) = (0u8, 0u8);
-    for octant in 0..8 {
-        let mut p = centre;
-        for (k, a) in axes.iter().enumerate() {
-            p = if octant >> k & 1 == 1 { [p[0] + a[0], p[1] + a[1], p[2] + a[2]] } else { sub(p, *a) };
-        }
-        if p[2] < 0.1 {
-            continue;
-        }
-        let u = camera.fx() * p[0] / p[2] + camera.cx() + 0.5;
-        let v = camera.fy() * p[1] / p[2] + camera.cy() + 0.5;
-        if !(u >= 0.0 && v >= 0.0 && u < frame.width as f32 && v < frame.height as f32) {
+    for (octant, ((z, u), v)) in depth.into_iter().zip(u).zip(v).enumerate() {
+        if z < 0.1 || !(u >= 0.0 && v >= 0.0 && u < frame.width as f32 && v < frame.height as f32) {
             continue;
         }
         let d = frame.z[v as usize * frame.width + u as usize];
-        if d > p[2] + 1.75 * quarter + 3.0 * frame.noise.sigma(d) {
+        if d > z + 1.75 * quarter + 3.0 * frame.noise.sigma(d) {
             through |= 1 << octant;
-        } else if d > 0.0 && (d - p[2]).abs() <= 1.2 * quarter {
+        } else if d > 0.0 && (d - z).abs() <= 1.2 * quarter {
             surface |= 1 << octant;
         }
     }
