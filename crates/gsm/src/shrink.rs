@@ -137,16 +137,20 @@ impl Source<'_> {
         }
         let Scratch { reference, limit, sum, number, .. } = scratch;
         self.references::<K>(y, reference, limit);
-        sum.fill(0.0);
-        number.fill(0.0);
-        for row in y * K..(y + 1) * K {
-            let block = reference.iter().zip(&*limit).zip(sum.iter_mut().zip(number.iter_mut()));
-            for (&d, ((&reference, &limit), (sum, number))) in self.source(row).iter().zip(block) {
-                let off = d - reference;
-                let inside = off.abs() <= limit;
-                *sum += if inside { off } else { 0.0 };
-                *number += if inside { 1.0 } else { 0.0 };
+        // A row narrower than a block ends early.
+        let n = self.stride.min(reference.len());
+        let rows: [&[f32]; K] = std::array::from_fn(|k| &self.source(y * K + k)[..n]);
+        let (sums, numbers) = (&mut sum[..n], &mut number[..n]);
+        let (references, limits) = (&reference[..n], &limit[..n]);
+        for x in 0..n {
+            let (mut all, mut inside) = (0.0, 0.0);
+            for row in &rows {
+                let off = row[x] - references[x];
+                let near = off.abs() <= limits[x];
+                all += if near { off } else { 0.0 };
+                inside += if near { 1.0 } else { 0.0 };
             }
+            (sums[x], numbers[x]) = (all, inside);
         }
         let blocks = reference.chunks_exact(K).zip(sum.chunks_exact(K).zip(number.chunks_exact(K)));
         for (z, (reference, (sum, number))) in z.iter_mut().zip(blocks) {
@@ -160,7 +164,6 @@ impl Source<'_> {
     fn references<const K: usize>(&self, y: usize, reference: &mut [f32], limit: &mut [f32]) {
         let (low, high) = ((K - 1) / 2, K / 2);
         let (above, below) = (self.source(y * K + low), self.source(y * K + high));
-        // A row narrower than a block ends early.
         let last = self.stride - 1;
         let blocks = reference.chunks_exact_mut(K).zip(limit.chunks_exact_mut(K));
         for (x, (reference, limit)) in blocks.enumerate() {
