@@ -76,12 +76,7 @@ impl Frame {
 
     /// Takes over what the map predicts.
     pub(crate) fn steady(&mut self, prediction: &Prediction) {
-        for i in 0..self.z.len() {
-            self.gain[i] = 1.0;
-            if let Some((inverse, gain)) = prediction.steady(i, self.z[i]) {
-                (self.inverse[i], self.gain[i]) = (inverse, gain);
-            }
-        }
+        prediction.steady(&self.z, &mut self.inverse, &mut self.gain);
     }
 
     /// Runs the image kernels: links, normals, edges, regions; `pitch` is the side of a sample in pixels.

@@ -80,6 +80,15 @@ pub(crate) struct Row {
     pub(crate) window: Window,
 }
 
+impl Row {
+    /// Side of the window, pixels, and standard deviation, of a pixel without prediction: where prediction lowers the
+    /// one by a factor, the other falls with its root.
+    #[inline(always)]
+    pub(crate) fn wanted(&self) -> (f32, f32) {
+        (self.side, self.sigma)
+    }
+}
+
 /// The window over which a pixel's plane is fitted.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Window {
@@ -95,7 +104,8 @@ impl Window {
     /// The window of side `n` for pixels of standard deviation `sigma`. Independent errors fall with the side of the
     /// window, and steps between whole windows are told from noise; others fall with the root of it only, and are
     /// compared at half a window.
-    fn new(n: f32, sigma: f32, independent: bool) -> Self {
+    #[inline(always)]
+    pub(crate) fn new(n: f32, sigma: f32, independent: bool) -> Self {
         let r = ((n - 1.0) * 0.5).ceil().clamp(f32::from(RADIUS_MIN), f32::from(RADIUS_MAX));
         let (radius, side) = (r as u8, 2.0 * r + 1.0);
         if independent {
@@ -153,17 +163,6 @@ impl NoiseTable {
     pub(crate) fn sigma(&self, z: f32) -> f32 {
         self.row(z).sigma
     }
-
-    /// The window at depth `z` where prediction lowers sigma by the factor `gain`.
-    #[inline]
-    pub(crate) fn window(&self, z: f32, gain: f32) -> Window {
-        let row = self.row(z);
-        if gain == 1.0 {
-            row.window
-        } else {
-            Window::new(row.side * gain.sqrt(), row.sigma * gain, self.independent)
-        }
-    }
 }
 
 #[cfg(test)]
@@ -188,11 +187,13 @@ mod tests {
     fn windows_grow_until_the_slope_error_is_met() {
         let m = NoiseModel::of(Profile::TofPhone);
         let t = NoiseTable::new(&m, 1, 1.0 / 178.0, 0.05, 5.0);
-        let radius = |z| t.window(z, 1.0).radius;
+        let window = |z, gain: f32| {
+            let (side, sigma) = t.row(z).wanted();
+            Window::new(side * gain.sqrt(), sigma * gain, true)
+        };
+        let radius = |z| window(z, 1.0).radius;
         assert!(radius(1.0) >= RADIUS_MIN && radius(4.0) <= RADIUS_MAX);
-        assert!(
-            t.window(2.0, 0.3).radius < radius(2.0) && t.window(2.0, 0.3).smooth < t.window(2.0, 1.0).smooth
-        );
+        assert!(window(2.0, 0.3).radius < radius(2.0) && window(2.0, 0.3).smooth < window(2.0, 1.0).smooth);
         let n = 2.0 * f32::from(radius(2.0)) + 1.0;
         assert!(m.sigma(2.0) * 12f32.sqrt() / (2.0 / 178.0 * n * n) <= 0.051);
     }

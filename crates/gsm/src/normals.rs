@@ -9,7 +9,7 @@
 
 use crate::frame::{BAND, DOWN, Frame, RIGHT};
 use crate::lanes::{LANES, Lanes, load, same, some, store, wide, word};
-use crate::noise::RADIUS_MAX;
+use crate::noise::{RADIUS_MAX, Window};
 use rayon::prelude::*;
 
 const SPAN: usize = 2 * RADIUS_MAX as usize + 2;
@@ -46,13 +46,21 @@ fn windows(frame: &mut Frame) {
             wide(
                 #[inline(always)]
                 || {
-                    let input = z.iter().zip(gain);
-                    let output = radius.iter_mut().zip(reach).zip(tight);
-                    for ((&z, &gain), ((radius, reach), tight)) in input.zip(output) {
-                        let window = noise.window(z, gain);
-                        *radius = if z > 0.0 { window.radius } else { 0 };
-                        *reach = window.reach;
-                        *tight = window.smooth;
+                    let mut wanted = [[0.0; 64]; 2];
+                    let input = z.chunks(64).zip(gain.chunks(64));
+                    let output = radius.chunks_mut(64).zip(reach.chunks_mut(64)).zip(tight.chunks_mut(64));
+                    for ((z, gain), ((radius, reach), tight)) in input.zip(output) {
+                        let [side, sigma] = &mut wanted;
+                        for ((&z, side), sigma) in z.iter().zip(&mut *side).zip(&mut *sigma) {
+                            (*side, *sigma) = noise.row(z).wanted();
+                        }
+                        let wanted = side.iter().zip(&*sigma).zip(z.iter().zip(gain));
+                        let output = radius.iter_mut().zip(reach).zip(tight);
+                        for (((&side, &sigma), (&z, &gain)), ((radius, reach), tight)) in wanted.zip(output) {
+                            let window = Window::new(side * gain.sqrt(), sigma * gain, true);
+                            *radius = if z > 0.0 { window.radius } else { 0 };
+                            (*reach, *tight) = (window.reach, window.smooth);
+                        }
                     }
                 },
             );

@@ -4,6 +4,7 @@
 //! to frame, the surfels in view know the depth better than the frame does, and the windows can be small.
 
 use crate::frame::dot;
+use crate::lanes::wide;
 use crate::project::{Lens, Seen, bits};
 use crate::store::{Step, Store};
 use crate::surfels::BLOCK;
@@ -17,6 +18,47 @@ const FACING: f32 = 0.2;
 #[derive(Debug, Default)]
 pub(crate) struct Prediction {
     sums: Vec<[f32; 2]>,
+}
+
+type Column = [f32; BLOCK];
+
+/// The pixels under the surfels of a block; zeros where there is none.
+#[derive(Default)]
+struct Under {
+    z: Column,
+    sigma: Column,
+    ray: [Column; 2],
+}
+
+impl Under {
+    /// The weights of the surfels, and their offsets from the measured depth; zeros where they do not agree.
+    #[inline(always)]
+    fn predictions(
+        &self,
+        Step { params, .. }: Step<'_>,
+        seen: &Seen,
+        confidence: &Column,
+        pose_variance: f32,
+    ) -> (Column, Column) {
+        // Copies on the stack, which the compiler knows to be apart.
+        let Self { z, sigma, ray } = *self;
+        let Seen { point: p, normal: n, .. } = *seen;
+        let (confidence, gate, pose_error) = (*confidence, params.gate_sigmas, params.pose_error);
+        let (mut weights, mut offs) = ([0.0; BLOCK], [0.0; BLOCK]);
+        for k in 0..BLOCK {
+            let (p, n) = ([p[0][k], p[1][k], p[2][k]], [n[0][k], n[1][k], n[2][k]]);
+            let tolerance = gate * sigma[k] + pose_error;
+            let near = (z[k] != 0.0) & ((p[2] - z[k]).abs() <= 4.0 * tolerance);
+            let facing = dot(n, [ray[0][k], ray[1][k], 1.0]);
+            let off = dot(n, p) / facing - z[k];
+            let agrees = near & (facing <= -FACING) & (off.abs() * -facing <= tolerance);
+            let variance = sigma[k] * sigma[k];
+            let weight = variance / (pose_variance + variance / confidence[k]);
+            weights[k] = if agrees { weight } else { 0.0 };
+            offs[k] = if agrees { off } else { 0.0 };
+        }
+        (weights, offs)
+    }
 }
 
 impl Prediction {
@@ -35,6 +77,10 @@ impl Prediction {
         for block in visible.iter().flat_map(|&b| &bricks.list[b as usize].blocks) {
             let first = block.first as usize;
             let seen = lens.project(&surfels.hot[first / BLOCK]);
+            if samples.pitch == 1 {
+                self.add_block(step, &seen, &surfels.hot[first / BLOCK].confidence, pose_variance);
+                continue;
+            }
             for k in bits(seen.inside) {
                 let confidence = surfels.hot[first / BLOCK].confidence[k];
                 let (x, y) = (seen.x[k] as usize, seen.y[k] as usize);
@@ -44,6 +90,29 @@ impl Prediction {
                     }
                 }
             }
+        }
+    }
+
+    /// Adds what the surfels of a block predict for the pixels that they fall on: [`add`](Self::add) side by side.
+    fn add_block(&mut self, step: Step<'_>, seen: &Seen, confidence: &[f32; BLOCK], pose_variance: f32) {
+        let frame = step.frame;
+        let mut under = Under::default();
+        for k in bits(seen.inside) {
+            let (x, y) = (seen.x[k] as usize, seen.y[k] as usize);
+            under.z[k] = frame.z[y * frame.width + x];
+            under.sigma[k] = frame.noise.sigma(under.z[k]);
+            under.ray[0][k] = frame.ray_x[x];
+            under.ray[1][k] = frame.ray_y[y];
+        }
+        let (weight, off) = wide(
+            #[inline(always)]
+            || under.predictions(step, seen, confidence, pose_variance),
+        );
+        for k in bits(seen.inside) {
+            let sum = &mut self.sums[seen.y[k] as usize * frame.width + seen.x[k] as usize];
+            // Nothing is added to what is not predicted.
+            sum[0] += weight[k];
+            sum[1] += weight[k] * off[k];
         }
     }
 
@@ -80,12 +149,20 @@ impl Prediction {
         }
     }
 
-    /// Mean of the measurement at `z` and its predictions as an inverse depth, with the factor by which its standard
-    /// deviation falls; `None` where nothing was predicted.
-    #[inline]
-    pub(crate) fn steady(&self, pixel: usize, z: f32) -> Option<(f32, f32)> {
-        let [weight, offset] = self.sums[pixel];
-        let all = 1.0 + weight;
-        (weight > 0.0).then(|| ((z + offset / all).recip(), all.sqrt().recip()))
+    /// Means of the measurements `z` and their predictions as inverse depths, and the factors by which their standard
+    /// deviations fall; 1 where nothing was predicted.
+    pub(crate) fn steady(&self, z: &[f32], inverse: &mut [f32], gain: &mut [f32]) {
+        wide(
+            #[inline(always)]
+            || {
+                let output = inverse.iter_mut().zip(gain);
+                for ((&[weight, offset], &z), (inverse, gain)) in self.sums.iter().zip(z).zip(output) {
+                    let all = 1.0 + weight;
+                    let mean = (z + offset / all).recip();
+                    *inverse = if weight > 0.0 { mean } else { *inverse };
+                    *gain = if weight > 0.0 { all.sqrt().recip() } else { 1.0 };
+                }
+            },
+        );
     }
 }
