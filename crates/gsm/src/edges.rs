@@ -2,7 +2,7 @@
 
 use crate::Params;
 use crate::frame::{BAND, EDGE, Frame, NO_PLANE, dot};
-use crate::lanes::{LANES, Lanes, first, load, same, some, wide, word};
+use crate::lanes::{LANES, Lanes, first, load, some, wide, word};
 use crate::noise::RADIUS_MAX;
 use rayon::prelude::*;
 
@@ -14,7 +14,8 @@ const MOST: usize = RADIUS_MAX as usize + 1;
 /// (`(N₂ − N₁)·(P₂ − P₁) < 0`, after Stein et al. 2014) or a step.
 pub(crate) fn edges(frame: &mut Frame, params: &Params) {
     let mut edge = std::mem::take(&mut frame.edge);
-    let test = Test { frame, crease: params.concave_angle.cos(), steps: params.step_sigmas };
+    let ray_x = [&[0.0; MOST][..], &frame.ray_x].concat();
+    let test = Test { frame, ray_x, crease: params.concave_angle.cos(), steps: params.step_sigmas };
     let w = frame.width;
     edge.par_chunks_mut(BAND * w).enumerate().for_each(|(b, edge)| {
         wide(
@@ -74,6 +75,8 @@ type Sides = [[Lanes; 6]; 2];
 
 struct Test<'a> {
     frame: &'a Frame,
+    /// Rays of the columns, with zeros before them for the sides of pixels that do not matter.
+    ray_x: Vec<f32>,
     /// Cosine of the angle of a crease.
     crease: f32,
     /// Sigmas of a step.
@@ -92,32 +95,19 @@ impl Test<'_> {
                 continue;
             }
             let (place, i) = ([x, y], y * w + x);
-            let mut hit;
-            match (same(k, care), same(m, care)) {
-                (Some(k), Some(m)) if edge.len() == LANES && x >= k => {
-                    hit = self.creased(&self.beside(place, k), i);
-                    or(&mut hit, self.creased(&self.above(place, m), i));
-                }
-                _ if edge.len() == LANES && x >= MOST => {
-                    hit = [0; LANES];
-                    let mut left = care;
-                    while left != 0 {
-                        let (reach, lanes) = first(k, left);
-                        or_some(&mut hit, self.creased(&self.beside(place, reach), i), lanes);
-                        left &= !lanes;
-                    }
-                    left = care;
-                    while left != 0 {
-                        let (reach, lanes) = first(m, left);
-                        or_some(&mut hit, self.creased(&self.above(place, reach), i), lanes);
-                        left &= !lanes;
-                    }
-                }
-                _ => {
-                    let sides = self.gather(place, k.to_le_bytes(), m.to_le_bytes());
-                    hit = self.creased(&sides[0], i);
-                    or(&mut hit, self.creased(&sides[1], i));
-                }
+            let mut hit = [0; LANES];
+            // The pixels of one reach at a time: mostly all.
+            let mut left = care;
+            while left != 0 {
+                let (reach, lanes) = first(k, left);
+                or_some(&mut hit, self.creased(&self.beside(place, reach), i), lanes);
+                left &= !lanes;
+            }
+            left = care;
+            while left != 0 {
+                let (reach, lanes) = first(m, left);
+                or_some(&mut hit, self.creased(&self.above(place, reach), i), lanes);
+                left &= !lanes;
             }
             for (e, hit) in edge.iter_mut().zip(hit) {
                 *e |= hit as u8 * EDGE;
@@ -130,7 +120,7 @@ impl Test<'_> {
     fn beside(&self, [x, y]: [usize; 2], k: usize) -> Sides {
         let f = self.frame;
         let ray_y = [f.ray_y[y]; LANES];
-        let (a, b) = (load(&f.ray_x, x - k), load(&f.ray_x, x + k));
+        let (a, b) = (load(&self.ray_x, MOST + x - k), load(&self.ray_x, MOST + x + k));
         let i = y * f.width + x;
         [self.side(i - k, a, ray_y), self.side(i + k, b, ray_y)]
     }
@@ -139,7 +129,7 @@ impl Test<'_> {
     #[inline(always)]
     fn above(&self, [x, y]: [usize; 2], m: usize) -> Sides {
         let f = self.frame;
-        let ray_x = load(&f.ray_x, x);
+        let ray_x = load(&self.ray_x, MOST + x);
         let (i, step) = (y * f.width + x, m * f.width);
         let (a, b) = ([f.ray_y[y - m]; LANES], [f.ray_y[y + m]; LANES]);
         [self.side(i - step, ray_x, a), self.side(i + step, ray_x, b)]
@@ -149,31 +139,6 @@ impl Test<'_> {
     fn side(&self, i: usize, ray_x: Lanes, ray_y: Lanes) -> [Lanes; 6] {
         let [nx, ny, nz] = &self.frame.normal;
         [load(nx, i), load(ny, i), load(nz, i), load(&self.frame.smooth, i), ray_x, ray_y]
-    }
-
-    /// Both for eight pixels of different distances.
-    #[inline(always)]
-    fn gather(&self, [x, y]: [usize; 2], along: [u8; LANES], across: [u8; LANES]) -> [Sides; 2] {
-        let f = self.frame;
-        let mut sides = [[[[0.0; LANES]; 6]; 2]; 2];
-        let lanes = LANES.min(f.width - x);
-        for j in 0..lanes {
-            let (k, m, x) = (along[j] as usize, across[j] as usize, x + j);
-            let i = y * f.width + x;
-            self.put(&mut sides[0][0], j, i - k, x - k, y);
-            self.put(&mut sides[0][1], j, i + k, x + k, y);
-            self.put(&mut sides[1][0], j, i - m * f.width, x, y - m);
-            self.put(&mut sides[1][1], j, i + m * f.width, x, y + m);
-        }
-        sides
-    }
-
-    #[inline(always)]
-    fn put(&self, side: &mut [Lanes; 6], j: usize, i: usize, x: usize, y: usize) {
-        let [nx, ny, nz] = self.frame.normal(i);
-        (side[0][j], side[1][j], side[2][j]) = (nx, ny, nz);
-        (side[3][j], side[4][j], side[5][j]) =
-            (self.frame.smooth[i], self.frame.ray_x[x], self.frame.ray_y[y]);
     }
 
     /// Whether the surface bends inwards or steps (1) between the two sides of each of the pixels from `i` on.
@@ -197,17 +162,10 @@ impl Test<'_> {
     }
 }
 
-/// Like [`or`], for the lanes whose bytes are ones.
+/// Adds the bits of the lanes whose bytes are ones.
 #[inline(always)]
 fn or_some(a: &mut [u32; LANES], b: [u32; LANES], lanes: u64) {
     for j in 0..LANES {
         a[j] |= b[j] & (lanes >> (8 * j)) as u32 & 1;
-    }
-}
-
-#[inline(always)]
-fn or(a: &mut [u32; LANES], b: [u32; LANES]) {
-    for j in 0..LANES {
-        a[j] |= b[j];
     }
 }
