@@ -33,7 +33,7 @@ impl Map {
     /// whose images are steadied by what the map expects ([`NoiseModel::is_independent`](crate::NoiseModel)) each
     /// frame needs the one before, and is taken alone.
     ///
-    /// Results come when all frames are done: give ten to a hundred at a time. Memory: the workspace of two images per
+    /// Results come when all frames are done: give ten to a hundred at a time. Memory: the workspace of four images per
     /// thread, some 100 bytes per working pixel each.
     pub fn integrate_all(&mut self, views: &[DepthView<'_>]) -> Vec<FrameReport> {
         let threads = rayon::current_num_threads();
@@ -43,7 +43,8 @@ impl Map {
         let params = self.params.clone();
         let [mut ready, mut next] = mem::take(&mut self.ahead);
         let mut reports = Vec::with_capacity(views.len());
-        let mut chunks = views.chunks(threads);
+        // Two per thread, so that none waits long for the others at the end.
+        let mut chunks = views.chunks(2 * threads);
         let mut current = chunks.next().unwrap_or_default();
         ready.segment(current, &params);
         while !current.is_empty() {
