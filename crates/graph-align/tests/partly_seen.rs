@@ -25,6 +25,11 @@ struct Thing([[f32; 3]; 2], u16);
 
 /// A room of 5 m by 4 m: floor, walls, and 18 boxes along the walls or on the floor.
 fn room(dice: &mut Dice) -> Vec<Thing> {
+    filled(dice, [23, 23])
+}
+
+/// The same with boxes up to the first number of things, and small ones up to the second.
+fn filled(dice: &mut Dice, [large, all]: [usize; 2]) -> Vec<Thing> {
     let mut things = vec![
         Thing([[0.0, 0.0, -0.05], [5.0, 4.0, 0.0]], 0),
         Thing([[0.0, -0.05, 0.0], [5.0, 0.0, 2.4]], 0),
@@ -32,9 +37,10 @@ fn room(dice: &mut Dice) -> Vec<Thing> {
         Thing([[-0.05, 0.0, 0.0], [0.0, 4.0, 2.4]], 0),
         Thing([[5.0, 0.0, 0.0], [5.05, 4.0, 2.4]], 0),
     ];
-    while things.len() < 23 {
-        let size = [dice.within(0.15, 1.2), dice.within(0.15, 1.2), dice.within(0.1, 1.2)];
-        let at = [dice.within(0.0, 5.0 - size[0]), dice.within(0.0, 4.0 - size[1]), dice.within(0.0, 1.2)];
+    while things.len() < all {
+        let (most, high) = if things.len() < large { (1.2, 1.2) } else { (0.4, 2.0) };
+        let size = [dice.within(0.15, most), dice.within(0.15, most), dice.within(0.1, most)];
+        let at = [dice.within(0.0, 5.0 - size[0]), dice.within(0.0, 4.0 - size[1]), dice.within(0.0, high)];
         let high = std::array::from_fn(|k| at[k] + size[k]);
         let apart = |t: &Thing| (0..3).any(|k| t.0[0][k] > high[k] + 0.05 || at[k] > t.0[1][k] + 0.05);
         if things.iter().all(apart) {
@@ -85,6 +91,15 @@ const RIGHT: [[f32; 3]; 2] = [[1.7, -1.0, -1.0], [6.0, 5.0, 2.0]];
 
 /// Right, wrong and refused of a hundred rooms seen from two sides.
 fn count(change: impl Fn(&mut Vec<Thing>, &mut Dice), windows: [[[f32; 3]; 2]; 2]) -> [usize; 3] {
+    count_of(room, change, windows)
+}
+
+/// The same of other rooms.
+fn count_of(
+    room: impl Fn(&mut Dice) -> Vec<Thing>,
+    change: impl Fn(&mut Vec<Thing>, &mut Dice),
+    windows: [[[f32; 3]; 2]; 2],
+) -> [usize; 3] {
     let mut counts = [0; 3];
     for seed in 0..100 {
         let mut dice = Dice(seed);
@@ -115,6 +130,17 @@ fn rooms_seen_in_part_are_found() {
     let [right, wrong, refused] = count(|_, _| (), [LEFT, RIGHT]);
     eprintln!("{right} right, {wrong} wrong, {refused} refused");
     assert!(right >= 90 && wrong == 0, "{right} right, {wrong} wrong, {refused} refused");
+}
+
+/// As many boxes as are compared by sides: what they take must not exceed the budget.
+#[test]
+fn full_rooms_are_found() {
+    const WHOLE: [[f32; 3]; 2] = [[-1.0, -1.0, -1.0], [6.0, 5.0, 3.0]];
+    for (windows, least) in [([WHOLE; 2], 100), ([LEFT, RIGHT], 97)] {
+        let [right, wrong, refused] = count_of(|dice| filled(dice, [23, 64]), |_, _| (), windows);
+        eprintln!("{right} right, {wrong} wrong, {refused} refused");
+        assert!(right >= least && wrong == 0, "{right} right, {wrong} wrong, {refused} refused");
+    }
 }
 
 #[test]

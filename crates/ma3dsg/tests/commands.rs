@@ -209,6 +209,44 @@ fn frames_are_written_read_and_folded() {
     }
 }
 
+/// Six benches of 1.6 m side by side, of whose ends so much was not seen, metres.
+fn benches(hidden: [[f64; 2]; 6]) -> Value {
+    let bench = |k: usize| {
+        let ([low, high], width) = (hidden[k], 0.3 + 0.05 * k as f64);
+        let (length, height) = (1.6 - low - high, 0.5 + 0.1 * k as f64);
+        let reach = [width, 0.0, length, 0.0, width, 0.0, length, 0.0].map(|side| side / 2.0);
+        let corner = (width + length) / 8f64.sqrt();
+        let reach: Vec<f64> = reach.iter().map(|&r| if r == 0.0 { corner } else { r }).collect();
+        let label = ["chair", "table", "sofa"][k % 3];
+        let x = [0.0, 0.9, 1.5, 2.8, 3.5, 4.9][k] + width / 2.0;
+        json!({
+            "id": k, "label": label, "score": 0.9,
+            "centroid": [x, low + length / 2.0, height / 2.0], "extent": [width, length, height],
+            "footprint": {"yaw": 0.0, "reach": reach},
+        })
+    };
+    let nodes: Vec<Value> = (0..6).map(bench).collect();
+    json!({"schema": "ma3dsg-graph/1", "gravity_aligned": true, "nodes": nodes, "edges": []})
+}
+
+#[test]
+fn merge_leaves_what_can_slide_alone() {
+    let dir = tempfile::tempdir().expect("folder");
+    let at = |n: &str| text(&dir.path().join(n));
+    let ends = [[0.2, 0.5], [0.5, 0.2], [0.35, 0.25], [0.1, 0.4], [0.55, 0.35], [0.3, 0.6]];
+    for (name, hidden) in [("whole.json", [[0.0; 2]; 6]), ("open.json", ends)] {
+        fs::write(at(name), benches(hidden).to_string()).unwrap();
+    }
+    let merged = |query: &str| {
+        let said: Value =
+            serde_json::from_str(&done(&["merge", &at("whole.json"), &at(query), "--json"])).unwrap();
+        said["merges"][0]["merge"].clone()
+    };
+    assert_eq!(merged("whole.json")["outcome"], "match");
+    let open = merged("open.json");
+    assert_eq!((&open["outcome"], &open["why"]), (&json!("no_match"), &json!("loose")), "{open}");
+}
+
 #[test]
 fn merge_align_and_export_on_graph_files() {
     let dir = tempfile::tempdir().expect("folder");

@@ -251,15 +251,15 @@ fn attempt(index: &Index, query: &Query<'_>, params: &RobustParams, sides: bool)
     }
     let memo = Memo::new(items.len());
     let scene = Scene::new(index, &items, query, params, &memo);
-    // A quarter stays for the mirror image and the last fits.
+    // A quarter stays for the mirror image, the last fits, and what the search by sides has found.
     let mut work = Work::new(params.budget - params.budget / 4);
     let found = search(&scene, query.prior.as_ref(), &mut work);
     let mut spare = Work::new(params.budget / 4);
     let sides = sides && query.prior.is_none();
-    let outcome = decide(query, &scene, found, work.exhausted, sides, &mut spare);
+    let outcome = decide(query, &scene, found, sides, &mut work, &mut spare);
     let outcome = match outcome {
         Outcome::NoMatch { why: Why::NoSupport } if sides && scene.upright => {
-            by_sides(query, &scene, &mut work)
+            by_sides(query, &scene, &mut work, &mut spare)
         }
         other => other,
     };
@@ -267,7 +267,7 @@ fn attempt(index: &Index, query: &Query<'_>, params: &RobustParams, sides: bool)
 }
 
 /// The second chance of a query whose objects were seen in part: see [`sides`].
-fn by_sides(query: &Query<'_>, scene: &Scene<'_>, work: &mut Work) -> Outcome {
+fn by_sides(query: &Query<'_>, scene: &Scene<'_>, work: &mut Work, spare: &mut Work) -> Outcome {
     let refused = |why| Outcome::NoMatch { why };
     let Some(views) = sides::Views::of(scene.index, query.graph, scene.params) else {
         return refused(Why::NoSupport);
@@ -288,7 +288,7 @@ fn by_sides(query: &Query<'_>, scene: &Scene<'_>, work: &mut Work) -> Outcome {
     if views.mirrored(work).first().is_some_and(|m| *m >= best.evidence) {
         return refused(Why::Mirrored);
     }
-    if let Some(why) = why_loose(&views, &best.reference_from_query, work) {
+    if let Some(why) = why_loose(&views, &best.reference_from_query, spare) {
         return refused(why);
     }
     let h = Hypothesis {
@@ -391,15 +391,15 @@ fn decide(
     query: &Query<'_>,
     scene: &Scene<'_>,
     distinct: Vec<Hypothesis<'_>>,
-    exhausted: bool,
     sides: bool,
+    work: &mut Work,
     spare: &mut Work,
 ) -> Outcome {
     let params = scene.params;
     let bar = ln_poses(scene, query) + params.accept;
     let mut good: Vec<Hypothesis<'_>> = distinct.into_iter().filter(|h| acceptable(h, bar, params)).collect();
     let Some(best) = good.first() else {
-        return Outcome::NoMatch { why: if exhausted { Why::Budget } else { Why::NoSupport } };
+        return Outcome::NoMatch { why: if work.exhausted { Why::Budget } else { Why::NoSupport } };
     };
     if mirror_fits_better(scene, best, spare) {
         return Outcome::NoMatch { why: Why::Mirrored };
@@ -417,7 +417,7 @@ fn decide(
         return Outcome::Ambiguous { candidates: good[..rivals].iter().map(|h| answer(h, None)).collect() };
     }
     if sides {
-        match laid_by_sides(query, scene, &good[0].pose, spare) {
+        match laid_by_sides(query, scene, &good[0].pose, work) {
             Laid::Unknown => {}
             Laid::Here(pose) => good[0].pose = pose,
             Laid::Refused(why) => return Outcome::NoMatch { why },

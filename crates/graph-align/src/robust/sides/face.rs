@@ -125,18 +125,23 @@ impl<'a> Face<'a> {
 
     /// Pairs that choose each other, and what all are worth together.
     pub(super) fn pairs(&self, moved: &[[f32; 3]]) -> (Vec<Pair>, f32) {
-        self.pairs_capped(moved, MOST)
+        self.pairs_among(self.likely.iter(), moved, MOST)
     }
 
-    /// The same with another cap on what a pair is worth.
-    fn pairs_capped(&self, moved: &[[f32; 3]], cap: f32) -> (Vec<Pair>, f32) {
+    /// The same among some pairs, with another cap on what one is worth.
+    fn pairs_among<'p>(
+        &self,
+        likely: impl Iterator<Item = &'p Likely>,
+        moved: &[[f32; 3]],
+        cap: f32,
+    ) -> (Vec<Pair>, f32) {
         let (n, m) = (self.reference.len(), self.query.len());
         let mut best = (vec![(0.0, m); n], vec![(0.0, n); m]);
-        for pair in &self.likely {
+        for pair in likely {
             let (i, j) = (pair.i as usize, pair.j as usize);
             let (r, q) = (&self.reference[i], &self.query[j]);
             let d: [f32; 3] = std::array::from_fn(|k| r.centre[k] - moved[j][k]);
-            if (0..3).any(|k| d[k].abs() > r.half[k] + q.half[k] + APART) {
+            if !is_near(r, q, d, APART) {
                 continue;
             }
             let worth = self.worth(r, q, pair.fixed, d).min(cap) - CHOICE;
@@ -252,9 +257,20 @@ impl<'a> Face<'a> {
     /// The least evidence that a motion loses when it slides or turns a little; of no pair is anything capped, since each
     /// that agrees holds it. None beyond the budget.
     pub(super) fn hold(&self, motion: Motion, work: &mut Work) -> Option<f32> {
+        if !work.spend(self.likely.len() as u64) {
+            return None;
+        }
+        // Pairs that come near each other anywhere on the way.
+        let moved = self.moved(&motion);
+        let farthest = |q: &Slab| SLIDES[1] + TURNS[1] * (q.centre[0].hypot(q.centre[1]));
+        let comes_near = |p: &&Likely| {
+            let (r, q, m) = (&self.reference[p.i as usize], &self.query[p.j as usize], moved[p.j as usize]);
+            is_near(r, q, std::array::from_fn(|k| r.centre[k] - m[k]), APART + farthest(q))
+        };
+        let near: Vec<&Likely> = self.likely.iter().filter(comes_near).collect();
         let worth = |[x, y, z, turn]: [f32; 4]| {
             let by = Motion { turn: motion.turn + turn, shift: add(motion.shift, [x, y, z]) };
-            self.pairs_capped(&self.moved(&by), f32::INFINITY).1
+            self.pairs_among(near.iter().copied(), &self.moved(&by), f32::INFINITY).1
         };
         let slides = SLIDES.into_iter().flat_map(|r| {
             let to = move |k: usize| (k as f32 * FRAC_PI_4).sin_cos();
@@ -265,13 +281,18 @@ impl<'a> Face<'a> {
         let turns = TURNS.into_iter().flat_map(|t| [t, -t]).map(|t| [0.0, 0.0, 0.0, t]);
         let mut most = f32::MIN;
         for by in slides.chain(turns) {
-            if !work.spend(self.likely.len() as u64) {
+            if !work.spend(near.len() as u64) {
                 return None;
             }
             most = most.max(worth(by));
         }
         Some(worth([0.0; 4]) - most)
     }
+}
+
+/// Whether there is at most so much space between two boxes whose centres are `d` apart, in every direction.
+fn is_near(r: &Slab, q: &Slab, d: [f32; 3], apart: f32) -> bool {
+    (0..3).all(|k| d[k].abs() <= r.half[k] + q.half[k] + apart)
 }
 
 fn add(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
