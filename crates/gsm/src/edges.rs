@@ -58,9 +58,7 @@ impl Reach {
         for ((((&l, &r), (&u, &d)), &reach), (along, across)) in
             input.zip(self.along.iter_mut().zip(&mut self.across))
         {
-            let (a, b) = (l.min(r), u.min(d));
-            let open = if a.min(b) == 0 { 0 } else { reach };
-            (*along, *across) = (a.min(open), b.min(open));
+            (*along, *across) = (l.min(r).min(reach), u.min(d).min(reach));
         }
         let reach = self.along.iter().zip(&self.across);
         for ((edge, &own), (&along, &across)) in edge.iter_mut().zip(&frame.smooth[row]).zip(reach) {
@@ -167,5 +165,88 @@ impl Test<'_> {
 fn or_some(a: &mut [u32; LANES], b: [u32; LANES], lanes: u64) {
     for j in 0..LANES {
         a[j] |= b[j] & (lanes >> (8 * j)) as u32 & 1;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{DepthView, Intrinsics, NoiseModel, Profile};
+    use nalgebra::Isometry3;
+    use proptest::prelude::*;
+
+    /// What the comparison of two sides says, by its definition; `None` where rounding decides.
+    fn apart(frame: &Frame, params: &Params, i: usize, [a, b]: [usize; 2]) -> Option<bool> {
+        let w = frame.width;
+        let normal = |i: usize| frame.normal(i).map(f64::from);
+        let point = |i: usize| {
+            let z = f64::from(frame.smooth[i]);
+            [z * f64::from(frame.ray_x[i % w]), z * f64::from(frame.ray_y[i / w]), z]
+        };
+        if frame.smooth[a] == 0.0 || frame.smooth[b] == 0.0 {
+            return Some(false);
+        }
+        let dot = |a: [f64; 3], b: [f64; 3]| (0..3).map(|k| a[k] * b[k]).sum::<f64>();
+        let (n1, n2, p1, p2) = (normal(a), normal(b), point(a), point(b));
+        let across: [f64; 3] = std::array::from_fn(|k| p2[k] - p1[k]);
+        let bend = dot(n1, n2) - f64::from(params.concave_angle).cos();
+        let inwards = dot(std::array::from_fn(|k| n2[k] - n1[k]), across);
+        let height = dot(std::array::from_fn(|k| (n1[k] + n2[k]) / 2.0), across).abs();
+        let least = f64::from(params.step_sigmas * frame.tight[i]) + dot(across, across).sqrt() / 20.0;
+        let unsure = bend.abs() < 1e-6 || inwards.abs() < 1e-7 || (height - least).abs() < 1e-6;
+        (!unsure).then_some(if bend < 0.0 { inwards < 0.0 } else { height > least })
+    }
+
+    /// Whether a pixel is an edge, pixel by pixel.
+    fn is_edge(frame: &Frame, params: &Params, i: usize) -> Option<bool> {
+        let [left, right, up, down] = frame.arms.each_ref().map(|a| usize::from(a[i]));
+        let (along, across) = (left.min(right), up.min(down));
+        if frame.smooth[i] == 0.0 || along == 0 || across == 0 {
+            return Some(true);
+        }
+        let reach = usize::from(frame.reach[i]);
+        let (k, m) = (along.min(reach), across.min(reach) * frame.width);
+        match [[i - k, i + k], [i - m, i + m]].map(|sides| apart(frame, params, i, sides)) {
+            [Some(a), Some(b)] => Some(a || b),
+            [Some(true), _] | [_, Some(true)] => Some(true),
+            _ => None,
+        }
+    }
+
+    proptest! {
+        /// Slanted tiles of several depths and turns, with holes.
+        #[test]
+        fn edges_are_what_they_are_said_to_be(
+            w in 1u32..70, h in 1u32..40, tile in 3u32..16, profile in 0usize..3, seed in any::<u64>(),
+            tiles in prop::collection::vec((0.8f32..3.0, -0.5f32..0.5, -0.5f32..0.5), 1..6),
+        ) {
+            let mut dice = seed;
+            let mut draw = || {
+                dice = dice.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+                (dice >> 40) as f32 / (1u64 << 24) as f32
+            };
+            let camera = Intrinsics::new(60.0, 60.0, w as f32 / 2.0, h as f32 / 2.0, w, h).unwrap();
+            let depth: Vec<f32> = (0..w * h)
+                .map(|i| {
+                    let (x, y) = (i % w, i / w);
+                    let (z, a, b) = tiles[((x / tile) + 3 * (y / tile)) as usize % tiles.len()];
+                    let z = z + a * (x % tile) as f32 / 60.0 + b * (y % tile) as f32 / 60.0;
+                    if draw() < 0.01 { 0.0 } else { z + 0.002 * (draw() - 0.5) }
+                })
+                .collect();
+            let noise = NoiseModel::of([Profile::Structured, Profile::TofPhone, Profile::Ideal][profile]);
+            let params = Params { noise, ..Params::default() };
+            let pose = Isometry3::identity();
+            let view = DepthView { depth: &depth, intrinsics: camera, world_from_camera: pose, time: 0.0 };
+            let mut frame = Frame::default();
+            frame.shrink(&view, &params);
+            frame.segment(&params, 1, &mut |_| ());
+            for i in 0..frame.edge.len() {
+                if let Some(edge) = is_edge(&frame, &params, i) {
+                    prop_assert_eq!(frame.edge[i] & EDGE != 0, edge, "pixel {}", i);
+                }
+                prop_assert_eq!(frame.edge[i] & NO_PLANE != 0, frame.smooth[i] == 0.0, "pixel {}", i);
+            }
+        }
     }
 }

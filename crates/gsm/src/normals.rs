@@ -479,9 +479,43 @@ fn add((above, own): (&mut [f32], &mut [f32]), values: &[f32], plus: impl Fn(f32
 
 #[cfg(test)]
 mod tests {
-    use crate::frame::{Frame, dot};
+    use super::RADIUS_MAX;
+    use crate::frame::{DOWN, Frame, RIGHT, dot};
     use crate::{DepthView, Intrinsics, NoiseModel, Params, Profile};
     use nalgebra::Isometry3;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn arms_end_at_the_first_broken_link(
+            w in 1usize..80, h in 1usize..40, cells in prop::collection::vec((0u8..8, 0u8..=RADIUS_MAX), 3200),
+        ) {
+            let n = w * h;
+            let link = |i: usize| {
+                let right = if i % w + 1 < w && cells[i].0 % 5 != 0 { RIGHT } else { 0 };
+                right | if i + w < n && cells[i].0 % 3 != 0 { DOWN } else { 0 }
+            };
+            let links: Vec<u8> = (0..n).map(link).collect();
+            let radius: Vec<u8> = cells[..n].iter().map(|c| c.1).collect();
+            let arms = std::array::from_fn(|_| vec![0; n]);
+            let mut frame = Frame { width: w, height: h, links, radius, arms, ..Frame::default() };
+            super::arms(&mut frame);
+            for i in 0..n {
+                let most = usize::from(frame.radius[i]);
+                // Links left, right, up and down, from the pixel outwards.
+                let whole = |k: usize, side: usize| match side {
+                    0 => k < i % w && frame.links[i - k - 1] & RIGHT != 0,
+                    1 => i % w + k < w && frame.links[i + k] & RIGHT != 0,
+                    2 => k < i / w && frame.links[i - (k + 1) * w] & DOWN != 0,
+                    _ => i / w + k < h && frame.links[i + k * w] & DOWN != 0,
+                };
+                for side in 0..4 {
+                    let want = (0..most).take_while(|&k| whole(k, side)).count();
+                    prop_assert_eq!(usize::from(frame.arms[side][i]), want, "pixel {}, side {}", i, side);
+                }
+            }
+        }
+    }
 
     /// Slanted planes fill the image across all band seams; every normal and smoothed depth is the plane's.
     #[test]

@@ -177,3 +177,54 @@ impl Source<'_> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Intrinsics;
+    use nalgebra::Isometry3;
+    use proptest::prelude::*;
+
+    proptest! {
+        /// Blocks across steps, with holes and what no sensor gives.
+        #[test]
+        fn a_block_is_the_mean_of_what_is_near_its_middle(
+            w in 1usize..40, h in 1usize..24, halvings in 1u32..4,
+            cells in prop::collection::vec((0u8..20, 0f32..0.02), 40 * 24),
+        ) {
+            let k = 1usize << halvings;
+            let depth: Vec<f32> = (0..w * h)
+                .map(|i| match cells[i] {
+                    (0, _) => 0.0,
+                    (1, _) => f32::NAN,
+                    (2, d) => 90.0 + d,
+                    (3..8, d) => 2.3 + d,
+                    (_, d) => 2.0 + d,
+                })
+                .collect();
+            let camera = Intrinsics::new(50.0, 50.0, 5.0, 5.0, w as u32, h as u32).unwrap();
+            let pose = Isometry3::identity();
+            let view = DepthView { depth: &depth, intrinsics: camera, world_from_camera: pose, time: 0.0 };
+            let params = Params { max_pixels: ((w / k).max(1) * (h / k).max(1)) as u32, ..Params::default() };
+            let mut frame = Frame::default();
+            frame.shrink(&view, &params);
+            let k = frame.factor as usize;
+            let at = |x: usize, y: usize| depth[y.min(h - 1) * w + x.min(w - 1)];
+            let valid = |d: &f32| (params.min_depth..=params.max_depth).contains(d);
+            for i in 0..frame.z.len() {
+                let (x, y) = (i % frame.width * k, i / frame.width * k);
+                let (low, high) = ((k - 1) / 2, k / 2);
+                let middle = [[high, high], [low, low], [low, high], [high, low]];
+                let reference = middle.map(|[a, b]| at(x + a, y + b)).into_iter().find(valid);
+                let want = reference.map_or(0.0, |d| {
+                    let limit = 3.0 * frame.noise.sigma(d) + 0.9 * frame.spacing * d;
+                    let columns = x..(x + k).min(w);
+                    let block = (y..y + k).flat_map(|y| columns.clone().map(move |x| at(x, y)));
+                    let near: Vec<f32> = block.filter(|v| (v - d).abs() <= limit).collect();
+                    near.iter().sum::<f32>() / near.len() as f32
+                });
+                prop_assert!((frame.z[i] - want).abs() < 1e-5, "{} {} {}", i, frame.z[i], want);
+            }
+        }
+    }
+}

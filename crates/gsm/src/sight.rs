@@ -4,7 +4,7 @@ use crate::lanes::wide;
 use crate::project::{Lens, Seen, bits};
 use crate::samples::Samples;
 use crate::store::Step;
-use crate::surfels::{BLOCK, HotBlock};
+use crate::surfels::{BLOCK, Column, HotBlock};
 
 /// Where errors are independent, surfels average them: fused is mostly the measured depth, since smoothing would
 /// blur steps for good.
@@ -13,8 +13,6 @@ const RAW: f32 = 0.75;
 const BEFORE: f32 = 0.8;
 /// Sightings beyond this do not count.
 pub(crate) const CONFIDENCE_MAX: f32 = 40.0;
-
-type Column = [f32; BLOCK];
 
 /// The samples under the surfels of a block, field by field; zeros where there is none.
 #[derive(Default)]

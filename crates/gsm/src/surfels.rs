@@ -81,6 +81,8 @@ impl Cold {
 
 /// Entries per block.
 pub(crate) const BLOCK: usize = 16;
+/// A number for each of them.
+pub(crate) type Column = [f32; BLOCK];
 
 /// A block of a brick: its first entry and a bit per entry in use.
 #[derive(Debug, Clone, Copy)]
