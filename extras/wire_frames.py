@@ -161,8 +161,9 @@ def frame(classes, predicates, o):
     out.c([e[2] for e in ends])
     out.c([e[3] for e in ends])
     cells = looked(out, *o["looked"]) if flags & 2 else 0
-    data = b"MSG4" + bytes([flags]) + fnv(words).to_bytes(4, "little") + out.bytes()
-    return data + bytes(max(0, 8 * len(nodes) + 2 * len(edges) + cells // 64 - len(data)))
+    data = b"MSG5" + bytes([flags]) + fnv(words).to_bytes(4, "little") + out.bytes()
+    least = 9 + 10 * len(nodes) + 5 * sum("yaw" in n for n in nodes) + 2 * len(edges) + cells // 64
+    return data + bytes(max(0, least - len(data)))
 
 
 def node(id, label, centroid, extent, score, sightings, ago, others, misses, **footprint):

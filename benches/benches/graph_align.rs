@@ -130,7 +130,7 @@ fn scale(
             b.iter(|| align_indexed(&reference, &index, black_box(q), robust));
         });
     }
-    let node = reference.nodes().nth(reference.len() / 2).cloned();
+    let node = reference.nodes().nth(reference.len() / 2);
     if let Some(node) = node {
         let all = index.pair_entries();
         index.remove(node.id);

@@ -42,7 +42,7 @@ struct Spot {
 
 fn spots(g: &SceneGraph, names: &Vocabulary) -> Vec<Spot> {
     let structure: Vec<_> = ["wall", "floor", "ceiling"].iter().filter_map(|n| names.find_label(n)).collect();
-    let of = |n: &graph_align::Node| {
+    let of = |n: graph_align::Node| {
         let e = n.bounds.extent().map(|v| v.max(0.02));
         let size = [e.z.ln(), n.bounds.ground_diagonal().max(0.02).ln()];
         Spot { id: n.id, label: n.label.0, p: n.bounds.centroid(), size }

@@ -103,7 +103,7 @@ impl Changes {
             self.false_removed_unseen += usize::from(!looked && !lives);
             match object {
                 Some(o) if s.is.there.contains(&o) => {
-                    self.count_moved(s, n, o, shown.contains(&o));
+                    self.count_moved(s, &n, o, shown.contains(&o));
                     self.removed.fp += usize::from(looked && !lives);
                     self.false_removed_seen += usize::from(looked && !lives && shown.contains(&o));
                 }

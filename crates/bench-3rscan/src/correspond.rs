@@ -34,7 +34,7 @@ pub fn reach(truth: &Box3) -> f32 {
 /// id, predicted id). Ignored true nodes take no part; labels never decide.
 #[must_use]
 pub fn correspond(truth: &Truth, graph: &SceneGraph, limit: Limit) -> BTreeMap<NodeId, usize> {
-    let predicted: Vec<(&Node, Box3)> = sorted_by_x(graph);
+    let predicted = sorted_by_x(graph);
     let mut pairs = Vec::new();
     for (k, t) in truth.nodes.iter().enumerate().filter(|(_, t)| !t.ignore) {
         for (p, overlap, distance) in near(t, &predicted) {
@@ -74,21 +74,25 @@ pub fn on_clutter(truth: &Truth, graph: &SceneGraph) -> BTreeSet<NodeId> {
     best.into_iter().filter(|(_, (_, clutter))| *clutter).map(|(id, _)| id).collect()
 }
 
-fn sorted_by_x(graph: &SceneGraph) -> Vec<(&Node, Box3)> {
-    let mut v: Vec<_> = graph.nodes().map(|n| (n, grown(&n.bounds))).collect();
+fn sorted_by_x(graph: &SceneGraph) -> Vec<(Node, Box3)> {
+    let with_box = |n: Node| {
+        let grown = grown(&n.bounds);
+        (n, grown)
+    };
+    let mut v: Vec<_> = graph.nodes().map(with_box).collect();
     v.sort_by(|a, b| a.1.centroid().x.total_cmp(&b.1.centroid().x).then(a.0.id.cmp(&b.0.id)));
     v
 }
 
 /// Predicted nodes within reach of a true one, with IoU and centre distance.
-fn near<'a>(t: &TruthNode, predicted: &[(&'a Node, Box3)]) -> Vec<(&'a Node, f32, f32)> {
+fn near<'a>(t: &TruthNode, predicted: &'a [(Node, Box3)]) -> Vec<(&'a Node, f32, f32)> {
     let (reach, bounds) = (reach(&t.bounds), grown(&t.bounds));
     let x = bounds.centroid().x;
     let from = predicted.partition_point(|(_, b)| b.centroid().x < x - reach);
     predicted[from..]
         .iter()
         .take_while(|(_, b)| b.centroid().x <= x + reach)
-        .map(|(p, b)| (*p, bounds.iou(b), bounds.distance(b)))
+        .map(|(p, b)| (p, bounds.iou(b), bounds.distance(b)))
         .filter(|(_, _, d)| *d <= reach)
         .collect()
 }

@@ -12,33 +12,7 @@ const MAX_COORDINATE: f32 = 1e6;
 pub struct Box3 {
     centroid: Point3<f32>,
     extent: Vector3<f32>,
-    footprint: Maybe,
-}
-
-/// A footprint that may not be known, in no more than its numbers: the yaw of none is no number.
-#[derive(Clone, Copy)]
-struct Maybe(Footprint);
-
-impl Maybe {
-    fn of(f: Option<Footprint>) -> Self {
-        Self(f.unwrap_or(Footprint { yaw: f32::NAN, reach: [0.0; 8] }))
-    }
-
-    fn get(self) -> Option<Footprint> {
-        (!self.0.yaw.is_nan()).then_some(self.0)
-    }
-}
-
-impl PartialEq for Maybe {
-    fn eq(&self, other: &Self) -> bool {
-        self.get() == other.get()
-    }
-}
-
-impl std::fmt::Debug for Maybe {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        self.get().fmt(f)
-    }
+    footprint: Option<Footprint>,
 }
 
 impl Box3 {
@@ -55,7 +29,7 @@ impl Box3 {
         }
         // -0 would make equal boxes differ in their bytes.
         let plus = |v: [f32; 3]| v.map(|x| x + 0.0);
-        Ok(Self { centroid: plus(centroid).into(), extent: plus(extent).into(), footprint: Maybe::of(None) })
+        Ok(Self { centroid: plus(centroid).into(), extent: plus(extent).into(), footprint: None })
     }
 
     /// The same box with a footprint.
@@ -66,13 +40,18 @@ impl Box3 {
         footprint.check(MAX_COORDINATE)?;
         // As above: no -0.
         let reach = footprint.reach.map(|r| r + 0.0);
-        Ok(Self { footprint: Maybe::of(Some(Footprint { reach, ..footprint })), ..self })
+        Ok(Self { footprint: Some(Footprint { reach, ..footprint }), ..self })
+    }
+
+    /// Of numbers that were those of a box.
+    pub(crate) fn again(centroid: Point3<f32>, extent: Vector3<f32>, footprint: Option<Footprint>) -> Self {
+        Self { centroid, extent, footprint }
     }
 
     /// The footprint, if one is known.
     #[must_use]
     pub fn footprint(&self) -> Option<Footprint> {
-        self.footprint.get()
+        self.footprint
     }
 
     /// Diagonal of the footprint, or of the box seen from above.
@@ -143,7 +122,7 @@ impl Box3 {
     pub fn union(&self, other: &Self) -> Self {
         let (lo, hi) = (self.min().inf(&other.min()), self.max().sup(&other.max()));
         let both = |[a, b]: [f32; 2], [c, d]: [f32; 2]| [a.min(c), b.max(d)];
-        Self { centroid: nalgebra::center(&lo, &hi), extent: hi - lo, footprint: Maybe::of(None) }
+        Self { centroid: nalgebra::center(&lo, &hi), extent: hi - lo, footprint: None }
             .with_footprint_of(self, other, both)
     }
 
@@ -156,7 +135,7 @@ impl Box3 {
         span: impl Fn([f32; 2], [f32; 2]) -> [f32; 2],
     ) -> Self {
         let (Some(f), Some(g)) = (first.footprint(), other.footprint()) else {
-            return Self { footprint: Maybe::of(None), ..self };
+            return Self { footprint: None, ..self };
         };
         let mut out = f;
         for k in 0..4 {
@@ -167,7 +146,7 @@ impl Box3 {
             let [low, high] = span(f.span(angle, at(first)), g.span(angle, at(other)));
             (out.reach[k], out.reach[k + 4]) = (high, -low);
         }
-        Self { footprint: Maybe::of(Some(out.settled())), ..self }
+        Self { footprint: Some(out.settled()), ..self }
     }
 
     /// The box around this box after a rigid motion. A turn by anything but a multiple of 90 degrees
@@ -179,7 +158,7 @@ impl Box3 {
         }
         let r = t.rotation.to_rotation_matrix();
         let extent = r.matrix().abs() * self.extent;
-        let moved = Self { centroid: t * self.centroid, extent, footprint: Maybe::of(None) };
+        let moved = Self { centroid: t * self.centroid, extent, footprint: None };
         // Upright motions keep the footprint; others tilt it out of the ground.
         let Some(f) = self.footprint().filter(|_| r.matrix()[(2, 2)] > 0.9999) else { return moved };
         let turn = r.matrix()[(1, 0)].atan2(r.matrix()[(0, 0)]);
@@ -188,7 +167,7 @@ impl Box3 {
         Self {
             centroid: moved.centroid + Vector3::new(x, y, 0.0),
             extent: Vector3::new((e + w).max(0.0), (n + s).max(0.0), extent.z),
-            footprint: Maybe::of(Some(f.turned(turn).seen_from(x, y))),
+            footprint: Some(f.turned(turn).seen_from(x, y)),
         }
     }
 }

@@ -145,7 +145,7 @@ impl GraphFile {
             up: Some([0.0, 0.0, 1.0]),
             gravity_aligned: Some(true),
             world_from_recording: None,
-            nodes: graph.nodes().map(|n| NodeRecord::of(n, vocabulary)).collect(),
+            nodes: graph.nodes().map(|n| NodeRecord::of(&n, vocabulary)).collect(),
             edges: graph
                 .edges()
                 .map(|e| EdgeRecord {
@@ -169,8 +169,8 @@ impl GraphFile {
         least: f32,
     ) -> Self {
         let named = graph.named(unnamed, least);
-        let rest = graph.nodes().filter(|n| named.node(n.id).is_none());
-        let landmarks = rest.map(|n| NodeRecord::of(n, vocabulary)).collect();
+        let rest = graph.nodes().filter(|n| !named.has_node(n.id));
+        let landmarks = rest.map(|n| NodeRecord::of(&n, vocabulary)).collect();
         Self { landmarks, ..Self::of_graph(&named, vocabulary) }
     }
 

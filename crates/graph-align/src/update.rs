@@ -43,7 +43,7 @@ pub fn append(
     let mut out = reference.clone();
     let mut image = BTreeMap::new();
     for q in query.nodes() {
-        image.insert(q.id, add(&mut out, q, reference_from_query));
+        image.insert(q.id, add(&mut out, &q, reference_from_query));
     }
     add_edges(&mut out, query, &image);
     out
@@ -59,11 +59,11 @@ fn merge(reference: &SceneGraph, query: &SceneGraph, m: &Match) -> SceneGraph {
         let verdict = m.verdicts.get(&q.id).copied().unwrap_or(Verdict::New);
         let known = match verdict {
             Verdict::Same(r) | Verdict::Relabelled(r) | Verdict::Moved(r) => {
-                observe(&mut out, q, r, verdict, m)
+                observe(&mut out, &q, r, verdict, m)
             }
             Verdict::New => None,
         };
-        let id = known.unwrap_or_else(|| add(&mut out, q, &m.reference_from_query));
+        let id = known.unwrap_or_else(|| add(&mut out, &q, &m.reference_from_query));
         image.insert(q.id, id);
     }
     add_edges(&mut out, query, &image);
@@ -72,7 +72,7 @@ fn merge(reference: &SceneGraph, query: &SceneGraph, m: &Match) -> SceneGraph {
 
 /// Merges a query node into reference node `r`; `None` if `r` is gone.
 fn observe(out: &mut SceneGraph, q: &Node, r: NodeId, verdict: Verdict, m: &Match) -> Option<NodeId> {
-    let node = out.node_mut(r)?;
+    let mut node = out.node(r)?;
     let seen = q.bounds.transformed(&m.reference_from_query);
     match verdict {
         Verdict::Relabelled(_) => {
@@ -89,6 +89,7 @@ fn observe(out: &mut SceneGraph, q: &Node, r: NodeId, verdict: Verdict, m: &Matc
     }
     node.sightings = node.sightings.saturating_add(q.sightings);
     node.last_seen = node.last_seen.max(q.last_seen);
+    out.insert_node(node);
     out.remove_edges(r);
     Some(r)
 }

@@ -37,8 +37,8 @@ fn unsure(g: &SceneGraph) -> SceneGraph {
 }
 
 /// The box of the node that came with an id, whoever brought it.
-fn place_of(g: &SceneGraph, id: u64) -> &Box3 {
-    &g.nodes().find(|n| n.id.0 & 0xff_ffff == id).unwrap().bounds
+fn place_of(g: &SceneGraph, id: u64) -> Box3 {
+    g.nodes().find(|n| n.id.0 & 0xff_ffff == id).unwrap().bounds
 }
 
 fn place(g: &SceneGraph, id: u64) -> Point3<f32> {
@@ -172,7 +172,7 @@ fn a_small_move_moves_the_box_and_does_not_stretch_it() {
         b.with_footprint(footprint).unwrap()
     };
     let whole = changed(&unsure(&room(&mut Dice(7), 14, 0)), |n| n.bounds = lies(n.bounds));
-    let of = |g: &SceneGraph| *place_of(g, 5);
+    let of = |g: &SceneGraph| place_of(g, 5);
     let size = of(&whole).extent();
     let seen = |to: [f32; 3], extent: [f32; 3]| {
         let view = changed(&whole, |n| {
@@ -462,7 +462,7 @@ fn history(seed: u64) -> (Vec<Observation>, [usize; 4]) {
                 let id = |dice: &mut Dice| NodeId(1000 * r + 1 + dice.below(12) as u64);
                 let (gone, went) = (id(&mut dice), id(&mut dice));
                 counts[2] += usize::from(world.remove_node(gone).is_some());
-                if let Some(n) = world.node(went).cloned() {
+                if let Some(n) = world.node(went) {
                     let c = n.bounds.centroid() + Vector3::new(0.8, 0.5, 0.0);
                     let bounds = Box3::new(c.coords.into(), n.bounds.extent().into()).unwrap();
                     world.insert_node(Node { bounds, ..n });

@@ -124,7 +124,7 @@ fn story(seed: u64, stats: &mut Stats) -> Vec<Entry> {
         if visit > 2 && dice.below(2) == 0 {
             stats.removals += usize::from(world.remove_node(gone).is_some());
         }
-        if let Some(n) = world.node(went).cloned().filter(|_| visit > 2) {
+        if let Some(n) = world.node(went).filter(|_| visit > 2) {
             let c = n.bounds.centroid() + Vector3::new(0.8, 0.5, 0.0);
             let bounds = Box3::new(c.coords.into(), n.bounds.extent().into()).unwrap();
             world.insert_node(Node { bounds, ..n });
@@ -403,9 +403,9 @@ fn windows_change_little_in_known_frames() {
         }
         let [one, cut] = all.map(|r| r.fold(&Params::default()).main_graph());
         nodes += one.len();
-        other += one.nodes().filter(|n| cut.node(n.id).is_none()).count();
-        other += cut.nodes().filter(|n| one.node(n.id).is_none()).count();
-        for (a, b) in one.nodes().filter_map(|n| Some((n, cut.node(n.id)?))) {
+        other += one.nodes().filter(|n| !cut.has_node(n.id)).count();
+        other += cut.nodes().filter(|n| !one.has_node(n.id)).count();
+        for (a, b) in one.nodes().filter_map(|n| Some((cut.node(n.id)?, n))) {
             far = far.max((a.bounds.centroid() - b.bounds.centroid()).norm());
         }
     }

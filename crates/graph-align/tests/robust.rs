@@ -319,13 +319,13 @@ fn a_kept_index_equals_a_fresh_one() {
             let at = [dice.within(-4.0, 4.0), dice.within(-4.0, 4.0), dice.within(0.0, 2.0)];
             let b = Box3::new(at, [dice.within(0.2, 1.0); 3]).unwrap();
             graph.insert_node(Node::new(id, LabelId(dice.below(6) as u16), b));
-            index.insert(graph.node(id).unwrap());
+            index.insert(&graph.node(id).unwrap());
         }
         if step % 50 == 49 {
             let fresh = Index::of(&graph, &params.robust);
             assert_eq!((index.len(), index.pair_entries()), (fresh.len(), fresh.pair_entries()));
             // Brute force: pairs of objects within reach, those of one class in both orders.
-            let nodes: Vec<&Node> = graph.nodes().collect();
+            let nodes: Vec<Node> = graph.nodes().collect();
             let mut entries = 0;
             for (k, a) in nodes.iter().enumerate() {
                 for b in &nodes[k + 1..] {

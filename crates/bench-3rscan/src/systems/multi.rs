@@ -170,16 +170,16 @@ fn in_fleet(v: &Visit, local: &SceneGraph, end: f64, before: Option<&SceneGraph>
     let id = |n: NodeId| NodeId(base + n.0);
     let mut graph = SceneGraph::default();
     for n in local.nodes() {
-        graph.insert_node(Node { id: id(n.id), last_seen: end, ..n.clone() });
+        graph.insert_node(Node { id: id(n.id), last_seen: end, ..n });
     }
     for e in local.edges() {
         // Both ends were just inserted.
         let _ = graph.insert_edge(Edge { s: id(e.s), t: id(e.t), ..e });
     }
     let graph = graph.quantised();
-    let same = |n: &&Node| {
+    let same = |n: &Node| {
         let old = before.and_then(|b| b.node(n.id));
-        old.filter(|o| **o == Node { last_seen: o.last_seen, ..(*n).clone() }).cloned()
+        old.filter(|o| *o == Node { last_seen: o.last_seen, ..n.clone() })
     };
     let kept: Vec<Node> = graph.nodes().filter_map(|n| same(&n)).collect();
     let mut graph = graph;

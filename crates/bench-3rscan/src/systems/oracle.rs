@@ -45,7 +45,7 @@ pub(super) fn merge(plan: &Plan, locals: &[&Local], rooms: &[RoomEntry], within:
             i => (v.room, i, k + 1, id.0),
         };
         for n in graph.nodes() {
-            observe(&mut objects, name(n.id), n, v.round, v.start);
+            observe(&mut objects, name(n.id), &n, v.round, v.start);
         }
         for e in graph.edges() {
             let pair = (name(e.s), name(e.t));

@@ -6,7 +6,9 @@ mod store;
 use crate::footprint::Grid;
 use crate::{Box3, Error, LabelId, PredicateId};
 pub use others::Others;
-use store::{Entry, Out, Store};
+use std::collections::BTreeSet;
+use std::sync::OnceLock;
+use store::{Out, Store};
 
 /// Names a node within one graph.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -77,6 +79,9 @@ pub struct Edge {
 pub struct SceneGraph {
     nodes: Store,
     edges: usize,
+    /// Object and subject of all pairs with an edge, from the first time that it is asked for: graphs that are only
+    /// read and sent do without.
+    pairs: OnceLock<BTreeSet<(NodeId, NodeId)>>,
 }
 
 impl PartialEq for SceneGraph {
@@ -114,7 +119,7 @@ fn edge(s: NodeId, o: &Out) -> Edge {
 impl SceneGraph {
     /// Adds a node, or replaces the one of the same id and keeps its edges.
     pub fn insert_node(&mut self, node: Node) {
-        self.nodes.insert(node);
+        self.nodes.insert(&node);
     }
 
     /// Adds an edge; of two equal ones the higher score stays.
@@ -123,26 +128,17 @@ impl SceneGraph {
     /// An end that is not in the graph, or both ends the same.
     pub fn insert_edge(&mut self, e: Edge) -> Result<(), Error> {
         let bad = |problem| Err(Error::Edge { s: e.s.0, t: e.t.0, problem });
-        if self.nodes.get(e.t).is_none() && self.nodes.get(e.s).is_some() {
+        let Some(subject) = self.nodes.find(e.s) else { return bad("the subject is not in the graph") };
+        if self.nodes.find(e.t).is_none() {
             return bad("the object is not in the graph");
         }
-        let Some(subject) = self.nodes.get_mut(e.s) else { return bad("the subject is not in the graph") };
         if e.s == e.t {
             return bad("joins a node with itself");
         }
-        let first = subject.to(e.t).is_empty();
-        let out = &mut subject.links().out;
-        match out.binary_search_by(|o| (o.t, o.p).cmp(&(e.t, e.p))) {
-            Ok(k) => out[k].score = out[k].score.max(e.score),
-            Err(k) => {
-                out.insert(k, Out { t: e.t, p: e.p, score: e.score });
-                self.edges += 1;
-            }
-        }
-        if first && let Some(object) = self.nodes.get_mut(e.t) {
-            let from = &mut object.links().from;
-            if let Err(k) = from.binary_search(&e.s) {
-                from.insert(k, e.s);
+        if self.nodes.relate(subject, e.t, e.p, e.score) {
+            self.edges += 1;
+            if let Some(pairs) = self.pairs.get_mut() {
+                pairs.insert((e.t, e.s));
             }
         }
         Ok(())
@@ -151,50 +147,39 @@ impl SceneGraph {
     /// Takes a node out, with all its edges.
     pub fn remove_node(&mut self, id: NodeId) -> Option<Node> {
         self.remove_edges(id);
-        self.nodes.remove(id).map(|e| e.node)
+        let at = self.nodes.find(id)?;
+        Some(self.nodes.remove(at))
     }
 
     /// Takes out all edges that start or end at a node.
     pub fn remove_edges(&mut self, id: NodeId) {
-        let Some(entry) = self.nodes.get_mut(id) else { return };
-        let links = entry.take_links();
-        self.edges -= links.out.len();
-        for pair in links.out.chunk_by(|a, b| a.t == b.t) {
-            self.forget_subject(pair[0].t, id);
+        let subjects: Vec<NodeId> = self.subjects(id).collect();
+        let mut objects: Vec<NodeId> = self.outgoing(id).map(|e| e.t).collect();
+        objects.dedup();
+        for s in subjects {
+            self.remove_edges_between(s, id);
         }
-        for s in links.from {
-            self.remove_out(s, |o| o.t == id);
-        }
-    }
-
-    fn remove_out(&mut self, s: NodeId, gone: impl Fn(&Out) -> bool) {
-        if let Some(subject) = self.nodes.get_mut(s) {
-            let out = &mut subject.links().out;
-            let before = out.len();
-            out.retain(|o| !gone(o));
-            self.edges -= before - out.len();
+        for t in objects {
+            self.remove_edges_between(id, t);
         }
     }
 
-    /// No edge from `s` to `t` is left.
-    fn forget_subject(&mut self, t: NodeId, s: NodeId) {
-        if let Some(object) = self.nodes.get_mut(t)
-            && let Ok(k) = object.from().binary_search(&s)
-        {
-            object.links().from.remove(k);
-        }
+    /// Those from which an edge leads to a node, rising, each once.
+    fn subjects(&self, t: NodeId) -> impl Iterator<Item = NodeId> + '_ {
+        let pairs = self.pairs.get_or_init(|| self.edges().map(|e| (e.t, e.s)).collect());
+        pairs.range((t, NodeId(0))..=(t, NodeId(u64::MAX))).map(|p| p.1)
     }
 
     /// Score of an edge, if it is there.
     #[must_use]
     pub fn edge(&self, s: NodeId, t: NodeId, p: PredicateId) -> Option<f32> {
-        self.nodes.get(s)?.to(t).iter().find(|o| o.p == p).map(|o| o.score)
+        self.edges_between(s, t).find(|e| e.p == p).map(|e| e.score)
     }
 
     /// Takes out one edge.
     #[cfg(feature = "wire")]
     pub(crate) fn remove_edge(&mut self, e: &Edge) {
-        self.remove_edges_if(e.s, e.t, |o| o.p == e.p);
+        self.remove_edges_if(e.s, e.t, |p| p == e.p);
     }
 
     /// Takes out the edges from one node to another, of every predicate.
@@ -202,50 +187,61 @@ impl SceneGraph {
         self.remove_edges_if(s, t, |_| true);
     }
 
-    fn remove_edges_if(&mut self, s: NodeId, t: NodeId, gone: impl Fn(&Out) -> bool) {
-        self.remove_out(s, |o| o.t == t && gone(o));
-        if self.edges_between(s, t).next().is_none() {
-            self.forget_subject(t, s);
+    fn remove_edges_if(&mut self, s: NodeId, t: NodeId, gone: impl Fn(PredicateId) -> bool) {
+        let Some(at) = self.nodes.find(s) else { return };
+        self.edges -= self.nodes.part(at, |o| o.t == t && gone(o.p));
+        if self.nodes.to(at, t).is_empty()
+            && let Some(pairs) = self.pairs.get_mut()
+        {
+            pairs.remove(&(t, s));
         }
     }
 
     /// Edges from one node to another, of every predicate.
     pub(crate) fn edges_between(&self, s: NodeId, t: NodeId) -> impl Iterator<Item = Edge> + '_ {
-        self.nodes.get(s).into_iter().flat_map(move |e| e.to(t).iter().map(move |o| edge(s, o)))
+        let out = self.nodes.find(s).map_or(&[][..], |at| self.nodes.to(at, t));
+        out.iter().map(move |o| edge(s, o))
     }
 
     /// A node by its id.
     #[must_use]
-    pub fn node(&self, id: NodeId) -> Option<&Node> {
-        self.nodes.get(id).map(|e| &e.node)
+    pub fn node(&self, id: NodeId) -> Option<Node> {
+        self.nodes.find(id).map(|at| self.nodes.node(at))
     }
 
-    /// A node by its id, to be changed; its id must stay.
-    pub(crate) fn node_mut(&mut self, id: NodeId) -> Option<&mut Node> {
-        self.nodes.get_mut(id).map(|e| &mut e.node)
+    /// True with a node of this id.
+    #[must_use]
+    pub fn has_node(&self, id: NodeId) -> bool {
+        self.nodes.find(id).is_some()
+    }
+
+    /// Changes a node, whose id must stay; nothing where there is none.
+    pub(crate) fn change_node(&mut self, id: NodeId, change: impl FnOnce(&mut Node)) {
+        if let Some(mut node) = self.node(id) {
+            change(&mut node);
+            self.nodes.insert(&node);
+        }
     }
 
     /// Nodes in the order of their ids.
-    pub fn nodes(&self) -> impl ExactSizeIterator<Item = &Node> + Clone {
-        Counted { items: self.nodes.iter().map(|e| &e.node), left: self.nodes.len() }
+    pub fn nodes(&self) -> impl ExactSizeIterator<Item = Node> + Clone + '_ {
+        Counted { items: self.nodes.nodes(), left: self.nodes.len() }
     }
 
     /// Edges in the order (subject, object, predicate).
     pub fn edges(&self) -> impl ExactSizeIterator<Item = Edge> + Clone + '_ {
-        let of = |e: &'_ Entry| e.node.id;
-        let items = self.nodes.iter().flat_map(move |e| e.out().iter().map(move |o| edge(of(e), o)));
-        Counted { items, left: self.edges }
+        Counted { items: self.nodes.edges().map(|(s, o)| edge(s, o)), left: self.edges }
     }
 
     /// Edges that start at a node.
     pub fn outgoing(&self, id: NodeId) -> impl Iterator<Item = Edge> + '_ {
-        self.nodes.get(id).into_iter().flat_map(move |e| e.out().iter().map(move |o| edge(id, o)))
+        let out = self.nodes.find(id).map_or(&[][..], |at| self.nodes.out(at));
+        out.iter().map(move |o| edge(id, o))
     }
 
     /// Edges that end at a node.
     pub fn incoming(&self, id: NodeId) -> impl Iterator<Item = Edge> + '_ {
-        let subjects = self.nodes.get(id).into_iter().flat_map(|e| e.from());
-        subjects.flat_map(move |&s| self.edges_between(s, id))
+        self.subjects(id).flat_map(move |s| self.edges_between(s, id))
     }
 
     /// Number of nodes.
@@ -263,13 +259,13 @@ impl SceneGraph {
     /// An id that no node has: `wanted` if it is free, else the one after the largest.
     #[must_use]
     pub fn free_id(&self, wanted: NodeId) -> NodeId {
-        if self.node(wanted).is_none() {
+        if !self.has_node(wanted) {
             return wanted;
         }
-        let largest = self.nodes.last().map_or(0, |e| e.node.id.0);
+        let largest = self.nodes.last().map_or(0, |id| id.0);
         // With the largest possible id taken, the first gap will do.
         let after = largest.checked_add(1).map(NodeId);
-        after.unwrap_or_else(|| (0..).map(NodeId).find(|id| self.node(*id).is_none()).unwrap_or(wanted))
+        after.unwrap_or_else(|| (0..).map(NodeId).find(|id| !self.has_node(*id)).unwrap_or(wanted))
     }
 
     /// The graph without nodes of the class `unnamed` and those below the probability `least` (up to
@@ -278,7 +274,7 @@ impl SceneGraph {
     pub fn named(&self, unnamed: Option<LabelId>, least: f32) -> Self {
         let mut out = Self::default();
         for n in self.nodes().filter(|n| Some(n.label) != unnamed && n.score + 0.5 / SCORE_STEPS >= least) {
-            out.insert_node(n.clone());
+            out.insert_node(n);
         }
         for e in self.edges() {
             // Edges to what was left out go with it.
@@ -292,11 +288,8 @@ impl SceneGraph {
     pub fn quantised(&self) -> Self {
         let mut out = self.clone();
         let cm = |v: f32| ((f64::from(v) * 100.0).round() / 100.0) as f32;
-        for entry in out.nodes.iter_mut() {
-            if !entry.out().is_empty() {
-                entry.links().out.iter_mut().for_each(|o| o.score = quantise_score(o.score));
-            }
-            let n = &mut entry.node;
+        out.nodes.each_score(quantise_score);
+        out.nodes.each(|n| {
             let (c, e) = (n.bounds.centroid(), n.bounds.extent());
             // Rounding keeps numbers finite and sides non-negative, so the box stays valid.
             if let Ok(b) = Box3::new([c.x, c.y, c.z].map(cm), [e.x, e.y, e.z].map(cm)) {
@@ -306,7 +299,7 @@ impl SceneGraph {
             n.score = quantise_score(n.score);
             n.others = n.others.iter().map(|(l, p)| (l, quantise_score(p))).collect();
             n.last_seen = (n.last_seen * 10.0).round() / 10.0;
-        }
+        });
         out
     }
 }
@@ -314,43 +307,24 @@ impl SceneGraph {
 /// What frames need beside nodes and edges: graphs as lists, in which a node has a place.
 #[cfg(feature = "wire")]
 impl SceneGraph {
-    /// Of `n` nodes with rising ids, in no more memory than they take.
-    pub(crate) fn rising(n: usize, next: impl FnMut() -> Result<Node, Error>) -> Result<Self, Error> {
-        Ok(Self { nodes: Store::rising(n, next)?, edges: 0 })
+    /// Bytes of a node but for its footprint, and of an edge.
+    pub(crate) const NODE_MEMORY: usize = Store::NODE_MEMORY;
+    pub(crate) const EDGE_MEMORY: usize = Store::EDGE_MEMORY;
+
+    /// Of `n` nodes with rising ids, of which it is known before which have a footprint, in no more memory than they
+    /// take.
+    pub(crate) fn rising(
+        n: usize,
+        footprints: impl Iterator<Item = bool>,
+        next: impl FnMut() -> Result<Node, Error>,
+    ) -> Result<Self, Error> {
+        Ok(Self { nodes: Store::rising(n, footprints, next)?, ..Self::default() })
     }
 
     /// All edges of a graph that was just made by [`Self::rising`], as places of its nodes, rising, each once:
     /// in no more memory than they take.
     pub(crate) fn fill(&mut self, edges: impl Iterator<Item = ([usize; 2], PredicateId, f32)> + Clone) {
-        let (mut last, mut out) = (None, 0);
-        let mut from = vec![0_u32; self.len()];
-        let mut pairs = edges.clone().map(|e| e.0).peekable();
-        while let Some(pair) = pairs.next() {
-            out += 1;
-            from[pair[1]] += u32::from(last.replace(pair) != Some(pair));
-            if pairs.peek().is_none_or(|next| next[0] != pair[0])
-                && let Some(subject) = self.nodes.at_mut(pair[0])
-            {
-                subject.links().out.reserve_exact(std::mem::take(&mut out));
-            }
-        }
-        for (entry, from) in self.nodes.iter_mut().zip(from).filter(|(_, from)| *from > 0) {
-            entry.links().from.reserve_exact(from as usize);
-        }
-        last = None;
-        for (pair, p, score) in edges {
-            let ends = pair.map(|k| self.nodes.id_at(k));
-            let [Some(s), Some(t)] = ends else { continue };
-            if let Some(subject) = self.nodes.at_mut(pair[0]) {
-                subject.links().out.push(Out { t, p, score });
-                self.edges += 1;
-            }
-            if last.replace(pair) != Some(pair)
-                && let Some(object) = self.nodes.at_mut(pair[1])
-            {
-                object.links().from.push(s);
-            }
-        }
+        self.edges = self.nodes.fill(edges);
     }
 
     /// The place of a node in the list of all nodes.
@@ -365,4 +339,63 @@ pub(crate) const SCORE_STEPS: f32 = 127.0;
 
 pub(crate) fn quantise_score(s: f32) -> f32 {
     (s.clamp(0.0, 1.0) * SCORE_STEPS).round() / SCORE_STEPS
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        /// Edges are known from both ends, whenever it is asked first.
+        #[test]
+        fn edges_are_known_from_both_ends(
+            steps in prop::collection::vec((0_u8..8, 0_u64..9, 0_u64..9, 0_u16..2), 0..120),
+            asked in 0_usize..120,
+        ) {
+            let mut graph = SceneGraph::default();
+            let mut nodes: BTreeSet<u64> = BTreeSet::new();
+            let mut edges: BTreeSet<(u64, u64, u16)> = BTreeSet::new();
+            for (k, (what, s, t, p)) in steps.into_iter().enumerate() {
+                if k == asked {
+                    let _ = graph.incoming(NodeId(t)).count();
+                }
+                match what {
+                    0 => {
+                        prop_assert_eq!(graph.remove_node(NodeId(s)).is_some(), nodes.remove(&s));
+                        edges.retain(|e| e.0 != s && e.1 != s);
+                    }
+                    1 => {
+                        graph.remove_edges(NodeId(s));
+                        edges.retain(|e| e.0 != s && e.1 != s);
+                    }
+                    2 => {
+                        graph.remove_edges_between(NodeId(s), NodeId(t));
+                        edges.retain(|e| (e.0, e.1) != (s, t));
+                    }
+                    3 | 4 => {
+                        let bounds = Box3::new([0.0; 3], [1.0; 3]).expect("a box");
+                        graph.insert_node(Node::new(NodeId(s), LabelId(0), bounds));
+                        nodes.insert(s);
+                    }
+                    _ => {
+                        let e = Edge { s: NodeId(s), t: NodeId(t), p: PredicateId(p), score: 1.0 };
+                        let fits = s != t && nodes.contains(&s) && nodes.contains(&t);
+                        prop_assert_eq!(graph.insert_edge(e).is_ok(), fits);
+                        if fits {
+                            edges.insert((s, t, p));
+                        }
+                    }
+                }
+            }
+            let plain = |e: Edge| (e.s.0, e.t.0, e.p.0);
+            prop_assert!(graph.edges().map(plain).eq(edges.iter().copied()));
+            prop_assert_eq!(graph.edges().len(), edges.len());
+            for id in 0..9 {
+                let of = |end: fn(&(u64, u64, u16)) -> u64| edges.iter().copied().filter(move |e| end(e) == id);
+                prop_assert!(graph.incoming(NodeId(id)).map(plain).eq(of(|e| e.1)));
+                prop_assert!(graph.outgoing(NodeId(id)).map(plain).eq(of(|e| e.0)));
+            }
+        }
+    }
 }

@@ -1,74 +1,168 @@
-//! Nodes with their edges, in the order of their ids, in little more memory than they take themselves.
+//! Nodes and the edges that start at them, in the order of their ids, in little more memory than their numbers take:
+//! 72 bytes a node, 36 its footprint, 16 an edge. `docs/wire.md` holds decoding to that.
 
-use super::{Node, NodeId};
-use crate::PredicateId;
+use super::{Node, NodeId, Others};
+use crate::{Box3, Footprint, LabelId, PredicateId};
+use nalgebra::{Point3, Vector3};
 
 /// Most nodes of a chunk: what an insertion moves at most.
 const CHUNK: usize = 64;
 
-/// An edge as its subject holds it.
+/// A node as it is kept.
+#[derive(Clone, Debug)]
+struct Packed {
+    id: NodeId,
+    last_seen: f64,
+    centroid: Point3<f32>,
+    extent: Vector3<f32>,
+    score: f32,
+    others: Others,
+    sightings: u32,
+    misses: u32,
+    label: LabelId,
+    /// Place in the chunk's list of footprints, [`NONE`] without one.
+    footprint: u8,
+}
+
+impl Packed {
+    fn new(node: &Node, footprint: u8) -> Self {
+        let Node { id, label, score, ref bounds, others, sightings, misses, last_seen } = *node;
+        let (centroid, extent) = (bounds.centroid(), bounds.extent());
+        Self { id, last_seen, centroid, extent, score, others, sightings, misses, label, footprint }
+    }
+}
+
+const NONE: u8 = u8::MAX;
+const _: () = assert!(size_of::<Packed>() == 72 && size_of::<Out>() == 16 && CHUNK < NONE as usize);
+
+/// An edge as its subject's chunk holds it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Out {
     pub t: NodeId,
-    pub p: PredicateId,
     pub score: f32,
+    pub p: PredicateId,
+    /// Place of the subject in the chunk.
+    s: u8,
 }
 
-/// The edges of a node.
+/// A place in the store: chunk, and node within it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Place {
+    chunk: usize,
+    node: usize,
+}
+
+/// Some nodes with rising ids.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Links {
-    /// Those that start here, in the order (object, predicate).
-    pub out: Vec<Out>,
-    /// Subjects of those that end here, rising, each once.
-    pub from: Vec<NodeId>,
+struct Chunk {
+    nodes: Vec<Packed>,
+    /// In any order.
+    footprints: Vec<Footprint>,
+    /// Rising by (subject, object, predicate).
+    out: Vec<Out>,
 }
 
-/// A node and its edges.
-#[derive(Clone, Debug)]
-pub(super) struct Entry {
-    pub node: Node,
-    /// Many have none.
-    links: Option<Box<Links>>,
-}
-
-impl Entry {
-    fn new(node: Node) -> Self {
-        Self { node, links: None }
+impl Chunk {
+    fn node(&self, k: usize) -> Node {
+        let Packed { id, last_seen, centroid, extent, score, others, sightings, misses, label, footprint } =
+            self.nodes[k];
+        let footprint = self.footprints.get(usize::from(footprint)).copied();
+        let bounds = Box3::again(centroid, extent, footprint);
+        Node { id, label, score, bounds, others, sightings, misses, last_seen }
     }
 
-    /// Edges that start here, in the order (object, predicate).
-    pub(super) fn out(&self) -> &[Out] {
-        self.links.as_ref().map_or(&[], |l| &l.out)
+    /// Puts another node in the place of one.
+    fn set(&mut self, k: usize, node: &Node) {
+        let (old, new) = (usize::from(self.nodes[k].footprint), node.bounds.footprint());
+        self.nodes[k] = match (self.footprints.get_mut(old), new) {
+            (Some(place), Some(f)) => {
+                *place = f;
+                Packed::new(node, old as u8)
+            }
+            _ => {
+                self.drop_footprint(k);
+                self.pack(node)
+            }
+        };
     }
 
-    /// Subjects of edges that end here, rising, each once.
-    pub(super) fn from(&self) -> &[NodeId] {
-        self.links.as_ref().map_or(&[], |l| &l.from)
+    fn pack(&mut self, node: &Node) -> Packed {
+        let Some(f) = node.bounds.footprint() else { return Packed::new(node, NONE) };
+        self.footprints.push(f);
+        Packed::new(node, self.footprints.len() as u8 - 1)
     }
 
-    /// The edges to one node, of every predicate.
-    pub(super) fn to(&self, t: NodeId) -> &[Out] {
-        let out = self.out();
-        let from = out.partition_point(|o| o.t < t);
-        let n = out[from..].partition_point(|o| o.t == t);
-        &out[from..from + n]
+    fn drop_footprint(&mut self, k: usize) {
+        let place = std::mem::replace(&mut self.nodes[k].footprint, NONE);
+        if place != NONE {
+            self.footprints.swap_remove(place.into());
+            let last = self.footprints.len() as u8;
+            self.nodes.iter_mut().filter(|n| n.footprint == last).for_each(|n| n.footprint = place);
+        }
     }
 
-    /// The edges, to be changed.
-    pub(super) fn links(&mut self) -> &mut Links {
-        self.links.get_or_insert_default()
+    fn insert(&mut self, k: usize, node: &Node) {
+        let packed = self.pack(node);
+        self.nodes.insert(k, packed);
+        let behind = self.behind(k);
+        self.out[behind..].iter_mut().for_each(|o| o.s += 1);
     }
 
-    /// The edges, of which the node has none any more.
-    pub(super) fn take_links(&mut self) -> Links {
-        self.links.take().map(|l| *l).unwrap_or_default()
+    /// Takes a node out, and the edges that start at it.
+    fn remove(&mut self, k: usize) -> Node {
+        let node = self.node(k);
+        self.drop_footprint(k);
+        let (from, to) = (self.behind(k), self.behind(k + 1));
+        self.out.drain(from..to);
+        self.out[from..].iter_mut().for_each(|o| o.s -= 1);
+        self.nodes.remove(k);
+        node
+    }
+
+    /// Where the edges of a node and those behind it begin.
+    fn behind(&self, k: usize) -> usize {
+        self.out.partition_point(|o| usize::from(o.s) < k)
+    }
+
+    fn out(&self, k: usize) -> &[Out] {
+        &self.out[self.behind(k)..self.behind(k + 1)]
+    }
+
+    /// Takes the nodes from one on out, with their edges.
+    fn split_off(&mut self, k: usize) -> Self {
+        let out = self.out.split_off(self.behind(k));
+        let mut rest = Self { nodes: self.nodes.split_off(k), footprints: self.footprints.clone(), out };
+        rest.out.iter_mut().for_each(|o| o.s -= k as u8);
+        self.settle();
+        rest.settle();
+        rest
+    }
+
+    /// Takes the nodes of the next chunk over.
+    fn append(&mut self, next: Self) {
+        let (nodes, footprints) = (self.nodes.len() as u8, self.footprints.len() as u8);
+        self.footprints.extend(next.footprints);
+        self.out.extend(next.out.into_iter().map(|o| Out { s: o.s + nodes, ..o }));
+        let moved = |f: u8| if f == NONE { NONE } else { f + footprints };
+        self.nodes.extend(next.nodes.into_iter().map(|n| Packed { footprint: moved(n.footprint), ..n }));
+    }
+
+    /// Keeps the footprints that its nodes have.
+    fn settle(&mut self) {
+        let all = std::mem::take(&mut self.footprints);
+        for n in &mut self.nodes {
+            if let Some(f) = all.get(usize::from(n.footprint)) {
+                n.footprint = self.footprints.len() as u8;
+                self.footprints.push(*f);
+            }
+        }
     }
 }
 
 /// A sorted list in chunks, none of them empty.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Store {
-    chunks: Vec<Vec<Entry>>,
+    chunks: Vec<Chunk>,
     len: usize,
 }
 
@@ -77,162 +171,285 @@ impl Store {
         self.len
     }
 
-    /// Chunk and place in it of an id, or where it belongs.
-    fn find(&self, id: NodeId) -> Result<(usize, usize), (usize, usize)> {
-        let c = self.chunks.partition_point(|c| c.last().is_some_and(|e| e.node.id < id));
-        let Some(chunk) = self.chunks.get(c) else { return Err((c, 0)) };
-        match chunk.binary_search_by(|e| e.node.id.cmp(&id)) {
-            Ok(k) => Ok((c, k)),
-            Err(k) => Err((c, k)),
-        }
+    /// Where an id is, or belongs.
+    fn search(&self, id: NodeId) -> Result<Place, Place> {
+        let chunk = self.chunks.partition_point(|c| c.nodes.last().is_some_and(|n| n.id < id));
+        let Some(c) = self.chunks.get(chunk) else { return Err(Place { chunk, node: 0 }) };
+        let place = |node| Place { chunk, node };
+        c.nodes.binary_search_by(|n| n.id.cmp(&id)).map(place).map_err(place)
     }
 
-    pub(super) fn get(&self, id: NodeId) -> Option<&Entry> {
-        self.find(id).ok().map(|(c, k)| &self.chunks[c][k])
+    pub(super) fn find(&self, id: NodeId) -> Option<Place> {
+        self.search(id).ok()
     }
 
-    pub(super) fn get_mut(&mut self, id: NodeId) -> Option<&mut Entry> {
-        self.find(id).ok().map(|(c, k)| &mut self.chunks[c][k])
+    pub(super) fn node(&self, at: Place) -> Node {
+        self.chunks[at.chunk].node(at.node)
     }
 
     /// Puts a node in, or replaces that of the same id and keeps its edges.
-    pub(super) fn insert(&mut self, node: Node) {
-        let (c, k) = match self.find(node.id) {
-            Ok((c, k)) => {
-                self.chunks[c][k].node = node;
+    pub(super) fn insert(&mut self, node: &Node) {
+        let at = match self.search(node.id) {
+            Ok(at) => {
+                self.chunks[at.chunk].set(at.node, node);
                 return;
             }
-            Err(place) => place,
+            Err(at) => at,
         };
         self.len += 1;
-        let last = self.chunks.len();
-        let Some(chunk) = self.chunks.get_mut(c) else {
+        let Some(chunk) = self.chunks.get_mut(at.chunk) else {
             // Behind all others: chunks that grow at their end are filled.
-            match self.chunks.last_mut().filter(|l| l.len() < CHUNK) {
-                Some(l) => l.push(Entry::new(node)),
-                None => self.chunks.insert(last, vec![Entry::new(node)]),
+            if self.chunks.last().is_none_or(|l| l.nodes.len() == CHUNK) {
+                self.chunks.push(Chunk::default());
+            }
+            if let Some(last) = self.chunks.last_mut() {
+                last.insert(last.nodes.len(), node);
             }
             return;
         };
-        chunk.insert(k, Entry::new(node));
-        if chunk.len() > CHUNK {
-            let half = chunk.split_off(chunk.len() / 2);
-            self.chunks.insert(c + 1, half);
+        chunk.insert(at.node, node);
+        let n = chunk.nodes.len();
+        if n > CHUNK {
+            let half = chunk.split_off(n / 2);
+            self.chunks.insert(at.chunk + 1, half);
         }
     }
 
-    pub(super) fn remove(&mut self, id: NodeId) -> Option<Entry> {
-        let (c, k) = self.find(id).ok()?;
-        let entry = self.chunks[c].remove(k);
+    /// Takes a node out, and the edges that start at it.
+    pub(super) fn remove(&mut self, at: Place) -> Node {
+        let node = self.chunks[at.chunk].remove(at.node);
         self.len -= 1;
-        let left = self.chunks[c].len();
+        let left = self.chunks[at.chunk].nodes.len();
         if left == 0 {
-            self.chunks.remove(c);
-        } else if self.chunks.get(c + 1).is_some_and(|n| n.len() + left <= CHUNK / 2) {
-            let next = self.chunks.remove(c + 1);
-            self.chunks[c].extend(next);
+            self.chunks.remove(at.chunk);
+        } else if self.chunks.get(at.chunk + 1).is_some_and(|n| n.nodes.len() + left <= CHUNK / 2) {
+            let next = self.chunks.remove(at.chunk + 1);
+            self.chunks[at.chunk].append(next);
         }
-        Some(entry)
+        node
     }
 
-    pub(super) fn last(&self) -> Option<&Entry> {
-        self.chunks.last()?.last()
+    /// Changes all nodes, each by itself; their ids stay.
+    pub(super) fn each(&mut self, mut change: impl FnMut(&mut Node)) {
+        for chunk in &mut self.chunks {
+            for k in 0..chunk.nodes.len() {
+                let mut node = chunk.node(k);
+                change(&mut node);
+                chunk.set(k, &node);
+            }
+        }
     }
 
-    pub(super) fn iter(&self) -> impl Iterator<Item = &Entry> + Clone {
-        self.chunks.iter().flatten()
+    pub(super) fn last(&self) -> Option<NodeId> {
+        Some(self.chunks.last()?.nodes.last()?.id)
     }
 
-    pub(super) fn iter_mut(&mut self) -> impl Iterator<Item = &mut Entry> {
-        self.chunks.iter_mut().flatten()
+    pub(super) fn nodes(&self) -> impl Iterator<Item = Node> + Clone {
+        self.chunks.iter().flat_map(|c| (0..c.nodes.len()).map(|k| c.node(k)))
+    }
+
+    /// The edges that start at a node, in the order (object, predicate).
+    pub(super) fn out(&self, at: Place) -> &[Out] {
+        self.chunks[at.chunk].out(at.node)
+    }
+
+    /// The edges from one node to another, of every predicate.
+    pub(super) fn to(&self, at: Place, t: NodeId) -> &[Out] {
+        let out = self.out(at);
+        let from = out.partition_point(|o| o.t < t);
+        let n = out[from..].partition_point(|o| o.t == t);
+        &out[from..from + n]
+    }
+
+    /// All edges with their subjects, in the order (subject, object, predicate).
+    pub(super) fn edges(&self) -> impl Iterator<Item = (NodeId, &Out)> + Clone {
+        self.chunks.iter().flat_map(|c| c.out.iter().map(|o| (c.nodes[usize::from(o.s)].id, o)))
+    }
+
+    /// Adds an edge, or raises its score; whether it is new.
+    pub(super) fn relate(&mut self, at: Place, t: NodeId, p: PredicateId, score: f32) -> bool {
+        let Chunk { out, .. } = &mut self.chunks[at.chunk];
+        let s = at.node as u8;
+        match out.binary_search_by(|o| (o.s, o.t, o.p).cmp(&(s, t, p))) {
+            Ok(k) => {
+                out[k].score = out[k].score.max(score);
+                false
+            }
+            Err(k) => {
+                out.insert(k, Out { t, score, p, s });
+                true
+            }
+        }
+    }
+
+    /// Takes out edges of a node; how many.
+    pub(super) fn part(&mut self, at: Place, gone: impl Fn(&Out) -> bool) -> usize {
+        let Chunk { out, .. } = &mut self.chunks[at.chunk];
+        let before = out.len();
+        out.retain(|o| usize::from(o.s) != at.node || !gone(o));
+        before - out.len()
+    }
+
+    /// Changes the scores of all edges.
+    pub(super) fn each_score(&mut self, change: impl Fn(f32) -> f32) {
+        self.chunks.iter_mut().flat_map(|c| &mut c.out).for_each(|o| o.score = change(o.score));
     }
 }
 
 /// What the wire needs: lists in the order of places.
 #[cfg(any(feature = "wire", test))]
 impl Store {
-    /// Of `n` nodes with rising ids.
-    pub(super) fn rising<E>(n: usize, mut next: impl FnMut() -> Result<Node, E>) -> Result<Self, E> {
+    pub(super) const NODE_MEMORY: usize = size_of::<Packed>();
+    pub(super) const EDGE_MEMORY: usize = size_of::<Out>();
+
+    /// Of `n` nodes with rising ids, in no more memory than they take: which have a footprint is known before.
+    pub(super) fn rising<E>(
+        n: usize,
+        mut footprints: impl Iterator<Item = bool>,
+        mut next: impl FnMut() -> Result<Node, E>,
+    ) -> Result<Self, E> {
         let mut chunks = Vec::with_capacity(n.div_ceil(CHUNK));
         for from in (0..n).step_by(CHUNK) {
-            let mut chunk = Vec::with_capacity(CHUNK.min(n - from));
-            for _ in from..n.min(from + CHUNK) {
-                chunk.push(Entry::new(next()?));
+            let size = CHUNK.min(n - from);
+            let there = footprints.by_ref().take(size).filter(|f| *f).count();
+            let mut chunk = Chunk {
+                nodes: Vec::with_capacity(size),
+                footprints: Vec::with_capacity(there),
+                out: Vec::new(),
+            };
+            for _ in 0..size {
+                let packed = chunk.pack(&next()?);
+                chunk.nodes.push(packed);
             }
             chunks.push(chunk);
         }
         Ok(Self { chunks, len: n })
     }
 
+    /// Gives a list as [`Self::rising`] makes it all its edges: (subject, object) as places, predicate and score,
+    /// rising, each once. Returns how many there were.
+    pub(super) fn fill(
+        &mut self,
+        mut edges: impl Iterator<Item = ([usize; 2], PredicateId, f32)> + Clone,
+    ) -> usize {
+        let mut all = 0;
+        for c in 0..self.chunks.len() {
+            let here = edges.clone().take_while(|e| e.0[0] / CHUNK == c).count();
+            let mut out = Vec::with_capacity(here);
+            for ([s, t], p, score) in edges.by_ref().take(here) {
+                let t = self.chunks[t / CHUNK].nodes[t % CHUNK].id;
+                out.push(Out { t, score, p, s: (s % CHUNK) as u8 });
+            }
+            self.chunks[c].out = out;
+            all += here;
+        }
+        all
+    }
+
     /// Where the chunks begin in the list of all nodes.
     pub(super) fn starts(&self) -> Vec<u32> {
         let mut next = 0;
-        let start = |c: &Vec<Entry>| {
-            next += c.len() as u32;
-            next - c.len() as u32
+        let start = |c: &Chunk| {
+            next += c.nodes.len() as u32;
+            next - c.nodes.len() as u32
         };
         self.chunks.iter().map(start).collect()
     }
 
     /// The place of an id in the list of all nodes, given [`Self::starts`].
     pub(super) fn place(&self, id: NodeId, starts: &[u32]) -> Option<usize> {
-        let (c, k) = self.find(id).ok()?;
-        Some(*starts.get(c)? as usize + k)
-    }
-
-    /// The entry at a place of a list as [`Self::rising`] makes it.
-    pub(super) fn at_mut(&mut self, place: usize) -> Option<&mut Entry> {
-        self.chunks.get_mut(place / CHUNK)?.get_mut(place % CHUNK)
-    }
-
-    /// The id at a place of such a list.
-    pub(super) fn id_at(&self, place: usize) -> Option<NodeId> {
-        Some(self.chunks.get(place / CHUNK)?.get(place % CHUNK)?.node.id)
+        let at = self.find(id)?;
+        Some(*starts.get(at.chunk)? as usize + at.node)
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Box3, LabelId};
     use proptest::prelude::*;
     use std::collections::BTreeMap;
 
     fn node(id: u64, score: f32) -> Node {
         let bounds = Box3::new([0.0; 3], [1.0; 3]).expect("a box");
+        // Some have a footprint, each its own.
+        let round =
+            (!(score as u32).is_multiple_of(3)).then(|| Footprint::rectangle([1.0 + score, 1.0], 0.0));
+        let bounds = round.map_or(bounds, |f| bounds.with_footprint(f).expect("a footprint"));
         Node { score, ..Node::new(NodeId(id), LabelId(0), bounds) }
     }
 
     proptest! {
-        /// It is an ordered map, whatever is put in and taken out.
+        /// It is an ordered map of nodes, whatever is put in and taken out, and one of the edges that start at them.
         #[test]
-        fn as_an_ordered_map(
+        fn as_ordered_maps(
             start in 0_u64..300,
-            steps in prop::collection::vec((any::<bool>(), 0_u64..600), 0..900),
+            steps in prop::collection::vec((0_u8..4, 0_u64..600, 0_u64..600, 0_u16..3), 0..900),
         ) {
-            let mut store = Store::rising(start as usize, {
-                let mut k = 0;
-                move || { k += 2; Ok::<_, ()>(node(k - 2, 0.0)) }
-            }).expect("no errors");
-            let mut map: BTreeMap<u64, f32> = (0..start).map(|k| (2 * k, 0.0)).collect();
-            for (k, (put, id)) in steps.into_iter().enumerate() {
-                if put {
-                    store.insert(node(id, k as f32));
-                    map.insert(id, k as f32);
-                } else {
-                    prop_assert_eq!(store.remove(NodeId(id)).map(|e| e.node.score), map.remove(&id));
+            let first = |k: u64| node(2 * k, k as f32);
+            let mut next = (0..start).map(first);
+            let there = (0..start).map(|k| first(k).bounds.footprint().is_some());
+            let made = Store::rising(start as usize, there, || next.next().ok_or(()));
+            let mut store = made.expect("as many nodes as asked for");
+            let mut nodes: BTreeMap<u64, Node> = (0..start).map(|k| (2 * k, first(k))).collect();
+            let mut edges: BTreeMap<(u64, u64, u16), f32> = BTreeMap::new();
+            for (k, (what, id, t, p)) in steps.into_iter().enumerate() {
+                let at = store.find(NodeId(id));
+                prop_assert_eq!(at.map(|at| store.node(at)), nodes.get(&id).cloned());
+                match (what, at) {
+                    (0, Some(at)) => {
+                        prop_assert_eq!(Some(store.remove(at)), nodes.remove(&id));
+                        edges.retain(|e, _| e.0 != id);
+                    }
+                    (1, Some(at)) => {
+                        let new = store.relate(at, NodeId(t), PredicateId(p), k as f32);
+                        prop_assert_eq!(new, edges.insert((id, t, p), k as f32).is_none());
+                    }
+                    (2, Some(at)) => {
+                        let there = edges.range((id, t, 0)..(id, t + 1, 0)).count();
+                        prop_assert_eq!(store.to(at, NodeId(t)).len(), there);
+                        prop_assert_eq!(store.part(at, |o| o.t == NodeId(t)), there);
+                        edges.retain(|e, _| (e.0, e.1) != (id, t));
+                    }
+                    _ => {
+                        store.insert(&node(id, k as f32));
+                        nodes.insert(id, node(id, k as f32));
+                    }
                 }
-                prop_assert_eq!(store.get(NodeId(id)).map(|e| e.node.score), map.get(&id).copied());
             }
-            prop_assert_eq!(store.len(), map.len());
-            prop_assert!(store.chunks.iter().all(|c| (1..=CHUNK).contains(&c.len())));
+            prop_assert_eq!(store.len(), nodes.len());
+            let whole = |c: &Chunk| (1..=CHUNK).contains(&c.nodes.len());
+            prop_assert!(store.chunks.iter().all(whole));
+            prop_assert!(store.nodes().eq(nodes.values().cloned()));
+            prop_assert_eq!(store.last().map(|id| id.0), nodes.keys().last().copied());
+            let out = |(s, o): (NodeId, &Out)| ((s.0, o.t.0, o.p.0), o.score);
+            prop_assert!(store.edges().map(out).eq(edges.iter().map(|(e, score)| (*e, *score))));
             let starts = store.starts();
-            for (place, (e, (id, score))) in store.iter().zip(&map).enumerate() {
-                prop_assert_eq!((e.node.id.0, e.node.score), (*id, *score));
-                prop_assert_eq!(store.place(e.node.id, &starts), Some(place));
+            for (place, id) in nodes.keys().enumerate() {
+                prop_assert_eq!(store.place(NodeId(*id), &starts), Some(place));
             }
-            prop_assert_eq!(store.iter().count(), map.len());
-            prop_assert_eq!(store.last().map(|e| e.node.id.0), map.keys().last().copied());
+            // No footprint is kept that no node has.
+            let kept: usize = store.chunks.iter().map(|c| c.footprints.len()).sum();
+            prop_assert_eq!(kept, nodes.values().filter(|n| n.bounds.footprint().is_some()).count());
+        }
+
+        /// Filled with lists, it is what single insertions make.
+        #[test]
+        fn filled_as_one_by_one(n in 1_usize..200, edges in prop::collection::btree_set((0_usize..200, 0_usize..200, 0_u16..2), 0..600)) {
+            let make = |k: usize| node(3 * k as u64, k as f32);
+            let mut at = 0;
+            let there = (0..n).map(|k| make(k).bounds.footprint().is_some());
+            let next = || { at += 1; Ok::<_, ()>(make(at - 1)) };
+            let mut filled = Store::rising(n, there, next).expect("no errors");
+            let edges: Vec<_> = edges.into_iter().filter(|e| e.0.max(e.1) < n).collect();
+            prop_assert_eq!(filled.fill(edges.iter().map(|&(s, t, p)| ([s, t], PredicateId(p), 0.5))), edges.len());
+            let mut store = Store::default();
+            (0..n).for_each(|k| store.insert(&make(k)));
+            for &(s, t, p) in &edges {
+                let at = store.find(make(s).id).expect("its subject");
+                prop_assert!(store.relate(at, make(t).id, PredicateId(p), 0.5));
+            }
+            prop_assert!(filled.nodes().eq(store.nodes()));
+            prop_assert!(filled.edges().map(|(s, o)| (s, o.t, o.p)).eq(store.edges().map(|(s, o)| (s, o.t, o.p))));
         }
     }
 }

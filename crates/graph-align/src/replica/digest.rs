@@ -51,7 +51,7 @@ pub(super) fn of(o: &Observation) -> Hash {
         .iter()
         .for_each(|&v| f.int(v.into()));
     f.int(o.graph.len() as u64);
-    o.graph.nodes().for_each(|n| f.node(n));
+    o.graph.nodes().for_each(|n| f.node(&n));
     f.int(o.graph.edges().len() as u64);
     for e in o.graph.edges() {
         [e.s.0, e.t.0, e.p.0.into()].into_iter().for_each(|v| f.int(v));

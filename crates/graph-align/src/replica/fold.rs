@@ -72,7 +72,7 @@ impl Component {
         // A node that is part of another is gone, so that no chain comes back to where it was; ids that are
         // used again could make one.
         for _ in 0..=self.became.len() {
-            match self.became.get(&heir).filter(|_| self.graph.node(heir).is_none()) {
+            match self.became.get(&heir).filter(|_| !self.graph.has_node(heir)) {
                 Some(&next) => heir = next,
                 None => break,
             }

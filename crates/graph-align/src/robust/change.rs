@@ -151,7 +151,7 @@ fn structure(query: &Query<'_>, scene: &Scene<'_>, h: &Hypothesis<'_>, found: &m
             }
             let share = shared(&there, &r.bounds, GROWN);
             if r.label == q.label && share > SHARED.0 {
-                pairs.push((there.distance(&r.bounds) * (1.5 - share), Item::of(q), *r));
+                pairs.push((there.distance(&r.bounds) * (1.5 - share), Item::of(&q), *r));
             }
         });
     }

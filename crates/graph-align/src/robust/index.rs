@@ -260,7 +260,7 @@ impl Index {
     pub fn of(graph: &SceneGraph, params: &RobustParams) -> Self {
         let mut index = Self::new(params);
         // In an order of content, so that ids do not decide what is kept of a crowd.
-        let mut items: Vec<Item> = graph.nodes().map(Item::of).collect();
+        let mut items: Vec<Item> = graph.nodes().map(|n| Item::of(&n)).collect();
         items.sort_unstable_by(Item::order);
         index.items.reserve(items.len());
         index.briefs.reserve(items.len());

@@ -20,9 +20,12 @@ pub(crate) fn merge(
     let mut touched: BTreeSet<NodeId> = BTreeSet::new();
     let carried = carried(graph, query, m, params);
     for &r in m.removed.iter().chain(&m.unmet) {
-        let Some(node) = graph.node_mut(r) else { continue };
-        node.misses = node.misses.saturating_add(1);
-        if node.misses >= patience(node, params) {
+        let mut worn = false;
+        graph.change_node(r, |node| {
+            node.misses = node.misses.saturating_add(1);
+            worn = node.misses >= patience(node, params);
+        });
+        if worn {
             graph.remove_node(r);
             touched.insert(r);
         }
@@ -31,30 +34,25 @@ pub(crate) fn merge(
     for q in query.nodes() {
         let verdict = m.verdicts.get(&q.id).copied().unwrap_or(Verdict::New);
         let seen = q.bounds.transformed(&m.reference_from_query);
-        let id = match verdict {
-            Verdict::Same(r) | Verdict::Relabelled(r) => {
-                let structure = params.structure.contains(&q.label);
-                graph.node_mut(r).map(|node| {
-                    observe(node, q, &seen, if structure { f32::MAX } else { params.slack }, params)
-                })
-            }
-            Verdict::Moved(r) => graph.node_mut(r).map(|node| {
-                observe(node, q, &seen, 0.0, params);
-                node.bounds = seen;
-                r
-            }),
+        let known = match verdict {
+            Verdict::Same(r) | Verdict::Relabelled(r) | Verdict::Moved(r) => Some(r),
             Verdict::New => None,
         };
-        if let (Some(r), Verdict::Moved(_)) = (id, verdict) {
-            graph.remove_edges(r);
-        }
-        let id = id.unwrap_or_else(|| add(graph, q, &m.reference_from_query));
+        let id = match known.filter(|r| graph.has_node(*r)) {
+            Some(r) => {
+                see_again(graph, r, &q, &seen, verdict, params);
+                r
+            }
+            None => add(graph, &q, &m.reference_from_query),
+        };
         image.insert(q.id, id);
         touched.insert(id);
     }
     for (&child, ride) in &carried {
-        let Some(node) = graph.node_mut(child) else { continue };
-        node.bounds = node.bounds.transformed(&ride.shift);
+        if !graph.has_node(child) {
+            continue;
+        }
+        graph.change_node(child, |node| node.bounds = node.bounds.transformed(&ride.shift));
         touched.insert(child);
         // The support's old edges went; both ends are in the graph.
         let _ = graph.insert_edge(ride.edge);
@@ -63,7 +61,7 @@ pub(crate) fn merge(
     if let Some(index) = index {
         for &id in &touched {
             match graph.node(id) {
-                Some(node) => index.insert(node),
+                Some(node) => index.insert(&node),
                 None => index.remove(id),
             }
         }
@@ -131,14 +129,32 @@ fn patience(node: &Node, params: &RobustParams) -> u32 {
     if node.sightings > 1 || node.score >= params.sure { params.patience[1] } else { params.patience[0] }
 }
 
-/// One more view of a node.
-fn observe(node: &mut Node, q: &Node, seen: &Box3, slack: f32, params: &RobustParams) -> NodeId {
+/// A node of the graph, seen once more; where it moved, all that was known of its place goes.
+fn see_again(
+    graph: &mut SceneGraph,
+    r: NodeId,
+    q: &Node,
+    seen: &Box3,
+    verdict: Verdict,
+    params: &RobustParams,
+) {
+    let moved = matches!(verdict, Verdict::Moved(_));
+    let slack = if params.structure.contains(&q.label) { f32::MAX } else { params.slack };
+    graph.change_node(r, |node| {
+        observe(node, q, params);
+        node.bounds = if moved { *seen } else { combined(&node.bounds, seen, slack) };
+    });
+    if moved {
+        graph.remove_edges(r);
+    }
+}
+
+/// One more view of a node, but for its place.
+fn observe(node: &mut Node, q: &Node, params: &RobustParams) {
     fuse_classes(node, q, params);
-    node.bounds = combined(&node.bounds, seen, slack);
     node.sightings = node.sightings.saturating_add(q.sightings);
     node.misses = 0;
     node.last_seen = node.last_seen.max(q.last_seen);
-    node.id
 }
 
 /// Class probabilities as means over sightings; the best three stay. Of a named and an unnamed view

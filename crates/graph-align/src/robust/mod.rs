@@ -221,8 +221,8 @@ const BY_SIDES: BySides = BySides { all: 26.0, objects: 12.0, margin: 8.0, visib
 
 /// The query's objects, in an order of content.
 fn objects(query: &Query<'_>, params: &RobustParams) -> Vec<Item> {
-    let mut items: Vec<Item> =
-        query.graph.nodes().filter(|n| !params.structure.contains(&n.label)).map(Item::of).collect();
+    let objects = query.graph.nodes().filter(|n| !params.structure.contains(&n.label));
+    let mut items: Vec<Item> = objects.map(|n| Item::of(&n)).collect();
     items.sort_by(Item::order);
     items
 }

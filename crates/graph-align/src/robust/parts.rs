@@ -28,21 +28,21 @@ pub(crate) fn join(
     let mut work = Work::new(MOST_PAIRS);
     for &id in touched {
         while let Some((keep, gone)) = part_near(graph, index, id, together, params, &mut work) {
-            let Some(part) = graph.node(gone).cloned() else { break };
+            let Some(part) = graph.node(gone) else { break };
             let edges: Vec<Edge> = graph.outgoing(gone).chain(graph.incoming(gone)).collect();
             graph.remove_node(gone);
             index.remove(gone);
             joined.push((gone, keep));
             hand_over(graph, &edges, gone, keep);
-            if let Some(node) = graph.node_mut(keep) {
+            graph.change_node(keep, |node| {
                 if node.label != part.label {
                     fuse_classes(node, &part, params);
                 }
                 node.bounds = node.bounds.union(&part.bounds);
                 node.last_seen = node.last_seen.max(part.last_seen);
-            }
+            });
             if let Some(node) = graph.node(keep) {
-                index.insert(node);
+                index.insert(&node);
             }
             if gone == id {
                 break;
@@ -84,7 +84,7 @@ fn part_near(
     work: &mut Work,
 ) -> Option<(NodeId, NodeId)> {
     let node = graph.node(id).filter(|_| !work.exhausted)?;
-    let own = Item::of(node);
+    let own = Item::of(&node);
     let mut near = Vec::new();
     let mut check = |_: u32, r: &Item| {
         if work.spend(1) && r.id != id {
@@ -110,8 +110,8 @@ fn part_near(
         (true, false) => None,
         (false, same) => {
             let kin = same
-                || params.is_named(node)
-                    && graph.node(r.id).is_some_and(|o| params.is_named(o) && rivals(node, o));
+                || params.is_named(&node)
+                    && graph.node(r.id).is_some_and(|o| params.is_named(&o) && rivals(&node, &o));
             let least = if same { params.part[1] } else { params.part[2] };
             Some(shared(&node.bounds, &r.bounds, 0.0)).filter(|share| kin && *share > least)
         }
@@ -121,7 +121,7 @@ fn part_near(
     let rank =
         |n: &Node, i: &Item| (n.sightings, ordered(n.bounds.extent().product()), std::cmp::Reverse(i.id));
     let theirs = graph.node(other.id)?;
-    Some(if rank(node, &own) >= rank(theirs, other) { (id, other.id) } else { (other.id, id) })
+    Some(if rank(&node, &own) >= rank(&theirs, other) { (id, other.id) } else { (other.id, id) })
 }
 
 /// Whether each of two nodes takes the other's class to be possible.

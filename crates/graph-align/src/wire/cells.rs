@@ -81,7 +81,8 @@ fn three<T: Copy + Default>(mut column: impl Iterator<Item = T>) -> [T; 3] {
     [(); 3].map(|()| column.next().unwrap_or_default())
 }
 
-pub(super) fn read(r: &mut Reader<'_>, frame_bytes: usize) -> Result<Looked, Error> {
+/// The cells, for which so many bytes of the frame are left.
+pub(super) fn read(r: &mut Reader<'_>, bytes: usize) -> Result<Looked, Error> {
     let cell = of_cm(i64::from(r.u32()?));
     let origin = three(r.signed(3)?);
     if let Some(o) = origin.iter().find(|o| o.unsigned_abs() > 100_000_000) {
@@ -93,8 +94,8 @@ pub(super) fn read(r: &mut Reader<'_>, frame_bytes: usize) -> Result<Looked, Err
     for k in 0..3 {
         low[k] = i32::try_from(first[k]).map_err(|_| r.bad("a cell beyond 32 bits"))?;
     }
-    if least_bytes(sides) > frame_bytes as u64 {
-        return Err(r.bad(format!("a box of {sides:?} cells in a frame of {frame_bytes} bytes")));
+    if least_bytes(sides) > bytes as u64 {
+        return Err(r.bad(format!("a box of {sides:?} cells where {bytes} bytes are left for it")));
     }
     let size = wide(sides);
     let cells: usize = size.iter().product();

@@ -2,8 +2,8 @@
 
 use super::bits::{Reader, Writer};
 use super::{
-    DELTA, FRAME, LOOKED, LOOKED_AS_BEFORE, cells, check_size, edges, encode, flags_of, head, nodes, open,
-    pad, put_name, read_counts, read_key, read_name,
+    DELTA, FRAME, LOOKED, LOOKED_AS_BEFORE, cells, check_size, edges, encode, flags_of, head, least_bytes,
+    nodes, open, pad, put_name, read_counts, read_key, read_name, rest,
 };
 use crate::{Edge, Error, Key, Node, NodeId, Observation, SceneGraph, Vocabulary};
 
@@ -26,7 +26,7 @@ fn put(
     vocabulary: &Vocabulary,
 ) -> Result<(), Error> {
     let (old, new) = (base.graph.quantised(), o.graph.quantised());
-    let nodes: Vec<&Node> = new.nodes().filter(|n| old.node(n.id) != Some(n)).collect();
+    let nodes: Vec<Node> = new.nodes().filter(|n| old.node(n.id).as_ref() != Some(n)).collect();
     let edges: Vec<Edge> = new.edges().filter(|e| !has(&old, e)).collect();
     let looked = o.looked.as_ref().filter(|l| base.looked.as_ref() != Some(l));
     let looked_flag = match (&o.looked, looked) {
@@ -34,19 +34,19 @@ fn put(
         (Some(_), None) => LOOKED_AS_BEFORE,
         (None, None) => 0,
     };
-    head(w, flags_of(nodes.iter().copied()) | DELTA | looked_flag, vocabulary);
+    head(w, flags_of(nodes.iter().cloned()) | DELTA | looked_flag, vocabulary);
     w.bits(u64::from(fingerprint(&encode(base, vocabulary)?)), 32);
     put_name(w, &o.key, o.end_ds, o.frame);
-    put_places(w, old.nodes().map(|n| new.node(n.id).is_none()));
+    put_places(w, old.nodes().map(|n| !new.has_node(n.id)));
     put_places(w, survivors(&old, &new).map(|e| new.edge(e.s, e.t, e.p).is_none()));
     w.number(nodes.len() as u64);
     w.number(edges.len() as u64);
-    nodes::put(w, nodes.iter().copied(), o.end_ds);
+    nodes::put(w, nodes.iter().cloned(), o.end_ds);
     edges::put(w, &new, edges.iter().copied());
     if let Some(looked) = looked {
         cells::put(w, looked);
     }
-    pad(w, nodes.len(), edges.len(), looked);
+    pad(w, nodes.into_iter(), edges.len(), looked);
     Ok(())
 }
 
@@ -75,6 +75,7 @@ pub fn decode_delta(bytes: &[u8], base: &Observation, vocabulary: &Vocabulary) -
     }
     let (n, m) = read_counts(&mut r, bytes.len(), &FRAME)?;
     let mut nodes = nodes::Columns::read(&mut r, n, flags, end_ds, vocabulary)?;
+    let rest = rest(&r, bytes, least_bytes(n, nodes.footprints(), m))?;
     for _ in 0..n {
         graph.insert_node(nodes.node()?);
     }
@@ -85,7 +86,7 @@ pub fn decode_delta(bytes: &[u8], base: &Observation, vocabulary: &Vocabulary) -
         graph.insert_edge(e).map_err(|e| r.bad(e.to_string()))?;
     }
     let looked = match (flags & LOOKED != 0, flags & LOOKED_AS_BEFORE != 0) {
-        (true, _) => Some(cells::read(&mut r, bytes.len())?),
+        (true, _) => Some(cells::read(&mut r, rest)?),
         (false, true) => base.looked.clone(),
         (false, false) => None,
     };
@@ -117,7 +118,7 @@ fn has(graph: &SceneGraph, e: &Edge) -> bool {
 
 /// Edges of `old` whose ends are still there.
 fn survivors<'a>(old: &'a SceneGraph, new: &'a SceneGraph) -> impl Iterator<Item = Edge> + Clone + 'a {
-    old.edges().filter(|e| new.node(e.s).is_some() && new.node(e.t).is_some())
+    old.edges().filter(|e| new.has_node(e.s) && new.has_node(e.t))
 }
 
 /// Which of a list: how many, and the distance of each to the one before.

@@ -14,14 +14,14 @@ mod nodes;
 mod snapshot;
 
 use crate::graph::{SCORE_STEPS, quantise_score};
-use crate::{Error, Key, Looked, Node, Observation, SceneGraph, Vocabulary};
+use crate::{Error, Footprint, Key, Looked, Node, Observation, SceneGraph, Vocabulary};
 use bits::{Column, Reader, Writer};
 pub use delta::{decode_delta, encode_delta, revision_of};
 pub use entries::{Kind, MAX_KEYS, decode_gone, decode_retraction, encode_gone, encode_retraction, kind};
 pub use snapshot::{decode_snapshot, encode_snapshot};
 
 /// First bytes of every frame.
-pub const MAGIC: &[u8; 4] = b"MSG4";
+pub const MAGIC: &[u8; 4] = b"MSG5";
 const EVIDENCE: u8 = 1;
 const LOOKED: u8 = 2;
 const FOOTPRINTS: u8 = 4;
@@ -36,9 +36,12 @@ pub const MAX_NODES: usize = 1 << 16;
 pub const MAX_EDGES: usize = 1 << 18;
 /// Bytes of magic, flags and vocabulary.
 const HEAD: usize = 9;
-/// Shortest frame per node and per edge, bytes: what bounds the memory that a short frame can ask for.
-const NODE_BYTES: usize = 8;
-const EDGE_BYTES: usize = 2;
+/// Most bytes of memory for a byte of a frame: what a graph takes for nodes, footprints and edges, divided by this, is
+/// the least that they take of a frame.
+const MEMORY: usize = 8;
+const NODE_BYTES: usize = (SceneGraph::NODE_MEMORY + 2).div_ceil(MEMORY);
+const FOOTPRINT_BYTES: usize = size_of::<Footprint>().div_ceil(MEMORY);
+const EDGE_BYTES: usize = SceneGraph::EDGE_MEMORY / MEMORY;
 
 /// Most nodes and edges of a graph.
 struct Limits {
@@ -75,7 +78,7 @@ impl<'a> Content<'a> {
         if let Some(looked) = self.looked {
             cells::put(w, looked);
         }
-        pad(w, graph.len(), graph.edges().len(), self.looked);
+        pad(w, graph.nodes(), graph.edges().len(), self.looked);
     }
 }
 
@@ -94,8 +97,8 @@ fn encode_within(content: &Content<'_>, vocabulary: &Vocabulary, limits: &Limits
     Ok(w.finish())
 }
 
-/// The observation of a frame, in no more memory than it takes itself and some bytes per node: columns are read
-/// where they lie, and what an encoder would write is compared as it would be written.
+/// The observation of a frame, in at most eight times the frame's memory (and the text of an error), whatever the
+/// bytes: columns are read where they lie, and what an encoder would write is compared as it would be written.
 ///
 /// # Errors
 /// Anything but a frame that [`encode`] could have written with the same vocabulary: other
@@ -113,9 +116,11 @@ fn decode_within(bytes: &[u8], vocabulary: &Vocabulary, limits: &Limits) -> Resu
     let (key, end_ds, frame) = read_name(&mut r)?;
     let (n, m) = read_counts(&mut r, bytes.len(), limits)?;
     let mut nodes = nodes::Columns::read(&mut r, n, flags, end_ds, vocabulary)?;
-    let mut graph = SceneGraph::rising(n, || nodes.node())?;
-    graph.fill(edges::Columns::read(&mut r, m, n, vocabulary)?.edges());
-    let looked = if flags & LOOKED != 0 { Some(cells::read(&mut r, bytes.len())?) } else { None };
+    let edges = edges::Columns::read(&mut r, m, n, vocabulary)?;
+    let rest = rest(&r, bytes, least_bytes(n, nodes.footprints(), m))?;
+    let mut graph = SceneGraph::rising(n, nodes.footprints(), || nodes.node())?;
+    graph.fill(edges.edges());
+    let looked = if flags & LOOKED != 0 { Some(cells::read(&mut r, rest)?) } else { None };
     let o = Observation { key, end_ds, frame, graph, looked };
     let mut again = Writer::against(bytes);
     Content::of(&o).put(&mut again, vocabulary);
@@ -126,6 +131,17 @@ fn decode_within(bytes: &[u8], vocabulary: &Vocabulary, limits: &Limits) -> Resu
 /// Numbers of nodes and edges, which bound the memory that a short frame can ask for.
 fn read_counts(r: &mut Reader<'_>, bytes: usize, limits: &Limits) -> Result<(usize, usize), Error> {
     Ok((r.count(limits.nodes, bytes / NODE_BYTES)?, r.count(limits.edges, bytes / EDGE_BYTES)?))
+}
+
+/// Shortest frame of so many nodes, of which some have a footprint, and edges, bytes.
+fn least_bytes(nodes: usize, footprints: impl Iterator<Item = bool>, edges: usize) -> usize {
+    HEAD + nodes * NODE_BYTES + footprints.filter(|f| *f).count() * FOOTPRINT_BYTES + edges * EDGE_BYTES
+}
+
+/// What is left of a frame besides.
+fn rest(r: &Reader<'_>, bytes: &[u8], least: usize) -> Result<usize, Error> {
+    let rest = bytes.len().checked_sub(least);
+    rest.ok_or_else(|| r.bad(format!("{} bytes, where its nodes and edges take {least}", bytes.len())))
 }
 
 /// The frames of a file: one alone, or several each behind its length as u32, little-endian.
@@ -185,7 +201,7 @@ fn open<'a>(bytes: &'a [u8], vocabulary: &Vocabulary) -> Result<(u8, Reader<'a>)
     };
     let [m, s, g, v, flags, fingerprint @ ..] = *head;
     if [m, s, g, v] != *MAGIC {
-        return Err(r.bad("no MSG4 frame"));
+        return Err(r.bad("no MSG5 frame"));
     }
     if u32::from_le_bytes(fingerprint) != vocabulary.fingerprint() {
         return Err(r.bad("written with another vocabulary"));
@@ -194,10 +210,16 @@ fn open<'a>(bytes: &'a [u8], vocabulary: &Vocabulary) -> Result<(u8, Reader<'a>)
 }
 
 /// Zeros to the length that the counts need.
-fn pad(w: &mut Writer<'_>, nodes: usize, edges: usize, looked: Option<&Looked>) {
+fn pad(
+    w: &mut Writer<'_>,
+    nodes: impl ExactSizeIterator<Item = Node>,
+    edges: usize,
+    looked: Option<&Looked>,
+) {
     // A grid that is too large for memory cannot exist.
     let cells = looked.map_or(0, |l| cells::least_bytes(l.span().1)) as usize;
-    w.fill(nodes * NODE_BYTES + edges * EDGE_BYTES + cells);
+    let n = nodes.len();
+    w.fill(least_bytes(n, nodes.map(|n| n.bounds.footprint().is_some()), edges) + cells);
 }
 
 fn put_key(w: &mut Writer<'_>, key: &Key) {
@@ -226,7 +248,7 @@ fn read_name(r: &mut Reader<'_>) -> Result<(Key, u32, u32), Error> {
     Ok((key, end_ds, frame))
 }
 
-fn flags_of<'a>(nodes: impl Iterator<Item = &'a Node>) -> u8 {
+fn flags_of(nodes: impl Iterator<Item = Node>) -> u8 {
     nodes.fold(0, |flags, n| {
         let evidence = !n.others.is_empty() || n.misses > 0;
         flags | (u8::from(evidence) * EVIDENCE) | (u8::from(n.bounds.footprint().is_some()) * FOOTPRINTS)

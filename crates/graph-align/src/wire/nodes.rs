@@ -10,7 +10,7 @@ use crate::{Box3, Error, LabelId, Node, NodeId, Vocabulary};
 const FAR: u64 = 100_000_000;
 
 /// Nodes in the order of their ids, with the columns that their flags call for.
-pub(super) fn put<'a>(w: &mut Writer<'_>, nodes: impl Iterator<Item = &'a Node> + Clone, end_ds: u32) {
+pub(super) fn put(w: &mut Writer<'_>, nodes: impl Iterator<Item = Node> + Clone, end_ds: u32) {
     if let Some(first) = nodes.clone().next() {
         w.number(first.id.0);
     }
@@ -34,7 +34,7 @@ pub(super) fn put<'a>(w: &mut Writer<'_>, nodes: impl Iterator<Item = &'a Node> 
     }
 }
 
-fn put_footprints<'a>(w: &mut Writer<'_>, nodes: impl Iterator<Item = &'a Node> + Clone) {
+fn put_footprints(w: &mut Writer<'_>, nodes: impl Iterator<Item = Node> + Clone) {
     w.column(nodes.clone().map(|n| u64::from(n.bounds.footprint().is_some())));
     let there = nodes.filter_map(|n| n.bounds.footprint()).map(|f| Grid::of(&f));
     w.column(there.clone().map(|f| f.yaw));
@@ -47,7 +47,7 @@ fn put_footprints<'a>(w: &mut Writer<'_>, nodes: impl Iterator<Item = &'a Node> 
     }
 }
 
-fn put_evidence<'a>(w: &mut Writer<'_>, nodes: impl Iterator<Item = &'a Node> + Clone) {
+fn put_evidence(w: &mut Writer<'_>, nodes: impl Iterator<Item = Node> + Clone) {
     w.column(nodes.clone().map(|n| n.others.len() as u64));
     let all = nodes.clone().flat_map(|n| n.others.iter());
     w.column(all.clone().map(|o| u64::from(o.0.0)));
@@ -155,6 +155,12 @@ impl<'a> Columns<'a> {
             footprints,
             evidence,
         })
+    }
+
+    /// Which nodes have a footprint.
+    pub(super) fn footprints(&self) -> impl Iterator<Item = bool> + use<'a> {
+        let there = self.footprints.as_ref().map(|f| f.there.clone());
+        there.into_iter().flatten().map(|t| t == 1)
     }
 
     /// The next node; columns do not end before their number.

@@ -84,7 +84,7 @@ fn footprint(b: Box3, k: usize) -> Box3 {
 pub(crate) fn renamed(g: &SceneGraph, rename: impl Fn(NodeId) -> NodeId) -> SceneGraph {
     let mut out = SceneGraph::default();
     for n in g.nodes() {
-        out.insert_node(Node { id: rename(n.id), ..n.clone() });
+        out.insert_node(Node { id: rename(n.id), ..n });
     }
     for e in g.edges() {
         out.insert_edge(Edge { s: rename(e.s), t: rename(e.t), ..e }).expect("living ends");
@@ -95,8 +95,8 @@ pub(crate) fn renamed(g: &SceneGraph, rename: impl Fn(NodeId) -> NodeId) -> Scen
 /// Edges only between living nodes, seen from both ends.
 pub(crate) fn is_sound(g: &SceneGraph) -> bool {
     g.edges().all(|e| {
-        g.node(e.s).is_some()
-            && g.node(e.t).is_some()
+        g.has_node(e.s)
+            && g.has_node(e.t)
             && g.outgoing(e.s).any(|o| o == e)
             && g.incoming(e.t).any(|o| o == e)
     })

@@ -63,7 +63,7 @@ impl<'a> Views<'a> {
     /// None where footprints are not known, or the graphs are no rooms.
     pub(super) fn of(index: &Index, query: &SceneGraph, params: &'a RobustParams) -> Option<Self> {
         let fewest = params.fewest + 1;
-        let mut query = Boxes::of(query.nodes().map(Item::of), fewest)?;
+        let mut query = Boxes::of(query.nodes().map(|n| Item::of(&n)), fewest)?;
         let mut reference = Boxes::of(index.all().copied(), fewest)?;
         let swapped = query.amount() > reference.amount();
         if swapped {
