@@ -7,6 +7,7 @@ use crate::footprint::Grid;
 use crate::{Box3, Error, LabelId, PredicateId};
 pub use others::Others;
 use std::collections::BTreeSet;
+use std::fmt;
 use std::sync::OnceLock;
 use store::{Out, Store};
 
@@ -75,7 +76,7 @@ pub struct Edge {
 
 /// Nodes in the order of their ids, edges in the order (subject, object, predicate), each edge once
 /// and only between nodes that are there.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Default)]
 pub struct SceneGraph {
     nodes: Store,
     edges: usize,
@@ -87,6 +88,13 @@ pub struct SceneGraph {
 impl PartialEq for SceneGraph {
     fn eq(&self, other: &Self) -> bool {
         self.nodes().eq(other.nodes()) && self.edges().eq(other.edges())
+    }
+}
+
+impl fmt::Debug for SceneGraph {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (nodes, edges): (Vec<Node>, Vec<Edge>) = (self.nodes().collect(), self.edges().collect());
+        f.debug_struct("SceneGraph").field("nodes", &nodes).field("edges", &edges).finish()
     }
 }
 

@@ -9,7 +9,7 @@ use nalgebra::{Point3, Vector3};
 const CHUNK: usize = 64;
 
 /// A node as it is kept.
-#[derive(Clone, Debug)]
+#[derive(Clone)]
 struct Packed {
     id: NodeId,
     last_seen: f64,
@@ -33,10 +33,10 @@ impl Packed {
 }
 
 const NONE: u8 = u8::MAX;
-const _: () = assert!(size_of::<Packed>() == 72 && size_of::<Out>() == 16 && CHUNK < NONE as usize);
+const _: () = assert!(size_of::<Packed>() <= 72 && size_of::<Out>() <= 16 && CHUNK < NONE as usize);
 
 /// An edge as its subject's chunk holds it.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy)]
 pub(super) struct Out {
     pub t: NodeId,
     pub score: f32,
@@ -46,14 +46,14 @@ pub(super) struct Out {
 }
 
 /// A place in the store: chunk, and node within it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy)]
 pub(super) struct Place {
     chunk: usize,
     node: usize,
 }
 
 /// Some nodes with rising ids.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Default)]
 struct Chunk {
     nodes: Vec<Packed>,
     /// In any order.
@@ -160,7 +160,7 @@ impl Chunk {
 }
 
 /// A sorted list in chunks, none of them empty.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Default)]
 pub(super) struct Store {
     chunks: Vec<Chunk>,
     len: usize,

@@ -36,12 +36,13 @@ pub const MAX_NODES: usize = 1 << 16;
 pub const MAX_EDGES: usize = 1 << 18;
 /// Bytes of magic, flags and vocabulary.
 const HEAD: usize = 9;
-/// Most bytes of memory for a byte of a frame: what a graph takes for nodes, footprints and edges, divided by this, is
-/// the least that they take of a frame.
-const MEMORY: usize = 8;
-const NODE_BYTES: usize = (SceneGraph::NODE_MEMORY + 2).div_ceil(MEMORY);
-const FOOTPRINT_BYTES: usize = size_of::<Footprint>().div_ceil(MEMORY);
-const EDGE_BYTES: usize = SceneGraph::EDGE_MEMORY / MEMORY;
+/// Shortest frame per node, footprint and edge, bytes: an eighth at least of the memory that they take.
+const NODE_BYTES: usize = 10;
+const FOOTPRINT_BYTES: usize = 5;
+const EDGE_BYTES: usize = 2;
+const _: () = assert!(SceneGraph::NODE_MEMORY + 2 <= 8 * NODE_BYTES);
+const _: () = assert!(size_of::<Footprint>() <= 8 * FOOTPRINT_BYTES);
+const _: () = assert!(SceneGraph::EDGE_MEMORY <= 8 * EDGE_BYTES);
 
 /// Most nodes and edges of a graph.
 struct Limits {
