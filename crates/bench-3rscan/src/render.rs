@@ -26,8 +26,9 @@ fn preface(report: &Value) -> Vec<String> {
     let text = |v: &Value| v.as_str().map_or_else(|| v.to_string(), str::to_owned);
     let mut lines = vec![
         format!(
-            "Data: {} (seeds {}), label set {}",
+            "Data: {}, split {} (seeds {}), label set {}",
             text(&p["data"]["kind"]),
+            text(&p["data"]["split"]),
             p["data"]["seeds"],
             text(&p["data"]["labels"])
         ),

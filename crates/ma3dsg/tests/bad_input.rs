@@ -136,6 +136,23 @@ fn empty_and_absent_folders() {
     scan_refused(&dir.path().join("absent"), &["absent"]);
     refused(&["check", &text(dir.path())], &["no recording"]);
     refused(&["bench", "--data", &text(dir.path()), "--domain", "1"], &["3RScan.json"]);
+    // Rooms of another split than those asked for; 3RScan's test rooms are its validation.
+    let (data, _) = data_set();
+    refused(
+        &["bench", "--data", &text(data.path()), "--domain", "1", "--split", "train"],
+        &["no room of the split train", "1 test"],
+    );
+    let recorded = tempfile::tempdir().expect("folder");
+    for entry in fs::read_dir(data.path()).expect("folder").map(|e| e.expect("entry").path()) {
+        let name = entry.file_name().expect("name");
+        if name != "GENERATED.txt" {
+            std::os::unix::fs::symlink(&entry, recorded.path().join(name)).expect("link");
+        }
+    }
+    refused(
+        &["bench", "--data", &text(recorded.path()), "--domain", "1"],
+        &["no room of the split validation", "1 test"],
+    );
     refused(&["align", "--cases", &text(dir.path()), "--json", "x"], &["cases"]);
     refused(&["infer", "--golden", &text(dir.path())], &["no golden file"]);
     refused(&["bench", "--domain", "0"], &["domain"]);
@@ -205,7 +222,7 @@ fn damaged_graphs_weights_and_meshes() {
     let copy = tempfile::tempdir().expect("folder");
     let name = scan.file_name().unwrap();
     fs::create_dir(copy.path().join(name)).expect("folder");
-    for f in ["3RScan.json", "relationships.json"] {
+    for f in ["3RScan.json", "relationships.json", "GENERATED.txt"] {
         fs::copy(set.path().join(f), copy.path().join(f)).expect("copied");
     }
     for f in ["sequence.zip", "semseg.v2.json", "labels.instances.annotated.v2.ply"] {

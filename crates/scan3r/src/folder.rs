@@ -66,6 +66,22 @@ impl Folder {
         Ok(Self { generated: dir.join(GENERATED).is_file(), dir: dir.to_owned(), rooms, relations })
     }
 
+    /// With the rooms of one split alone: those of that `type` in `3RScan.json`.
+    ///
+    /// # Errors
+    /// The folder has none of them.
+    pub fn of_split(mut self, split: &str) -> Result<Self, Error> {
+        let mut counts: BTreeMap<String, usize> = BTreeMap::new();
+        self.rooms.iter().for_each(|r| *counts.entry(r.split.clone()).or_default() += 1);
+        self.rooms.retain(|r| r.split == split);
+        if self.rooms.is_empty() {
+            let there: Vec<String> = counts.iter().map(|(name, n)| format!("{n} {name}")).collect();
+            let problem = format!("no room of the split {split}; in the folder are {}", there.join(", "));
+            return Err(Error::format(self.dir.join(ROOMS), "type", problem));
+        }
+        Ok(self)
+    }
+
     fn scan_dir(&self, scan: &str) -> Result<PathBuf, Error> {
         let known = |r: &RoomEntry| r.reference == scan || r.scans.iter().any(|s| s.id == scan);
         if self.rooms.iter().any(known) {

@@ -16,8 +16,9 @@ use bench_3rscan::truth::Reading;
 use fleet::LinkParams;
 use graph_align::{PaperParams, Params};
 use room_synth::{Split, World, WorldParams};
-use scan3r::{Dataset, Folder, LabelSet};
+use scan3r::{Dataset, Folder, LabelSet, RoomEntry};
 use serde_json::{Value, json};
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -78,9 +79,11 @@ pub(crate) struct Args {
     /// Reading of the paper's pseudo-code.
     #[arg(long, default_value = "default")]
     reading: String,
-    /// Which generated rooms: test, or validation for tuning.
-    #[arg(long, default_value = "test", value_parser = ["train", "validation", "test"])]
-    split: String,
+    /// Which rooms: of generated ones test, or validation for tuning; of 3RScan those of that `type` in `3RScan.json`,
+    /// validation if it is not said: the 47 on which 3DSSG, SGFN and the paper test. A folder written by `synth` is taken
+    /// whole.
+    #[arg(long, value_parser = ["train", "validation", "test"])]
+    split: Option<String>,
     /// A node needs this probability of its class.
     #[arg(long)]
     min_class: Option<f32>,
@@ -112,6 +115,12 @@ pub(crate) struct Args {
     /// Keep cells that an earlier run with the same parameters has left in the folder.
     #[arg(long)]
     resume: bool,
+}
+
+/// The splits of some rooms, each once.
+fn splits(rooms: &[RoomEntry]) -> String {
+    let all: BTreeSet<&str> = rooms.iter().map(|r| r.split.as_str()).collect();
+    all.into_iter().collect::<Vec<_>>().join(" and ")
 }
 
 struct CellSpec {
@@ -206,9 +215,16 @@ impl Args {
     fn dataset(&self, seed: u64) -> Result<Box<dyn Dataset>> {
         let rooms = self.domain.iter().copied().max().unwrap_or(1);
         Ok(match &self.data {
-            Some(dir) => Box::new(Folder::open(dir)?),
+            Some(dir) => {
+                let folder = Folder::open(dir)?;
+                let usual = (folder.kind() == "3rscan").then_some("validation");
+                Box::new(match self.split.as_deref().or(usual) {
+                    Some(split) => folder.of_split(split).context("--split says which rooms are taken")?,
+                    None => folder,
+                })
+            }
             None => {
-                let split = Split::parse(&self.split).context("--split")?;
+                let split = Split::parse(self.split.as_deref().unwrap_or("test")).context("--split")?;
                 Box::new(World::new(split, seed, rooms, &WorldParams::default()))
             }
         })
@@ -334,8 +350,8 @@ impl Args {
         for (name, bytes) in &result.files {
             files::write(&self.out.join(name), bytes)?;
         }
-        let value =
-            json!({"params": params, "rows": result.rows, "truth": result.truth, "kind": data.kind()});
+        let value = json!({"params": params, "rows": result.rows, "truth": result.truth, "kind": data.kind(),
+                "split": splits(&data.rooms()[..cell.rooms])});
         files::write(path, &serde_json::to_vec(&value)?)?;
         Ok(value)
     }
@@ -345,11 +361,11 @@ impl Args {
             cells.iter().flat_map(|c| c["rows"].as_array().into_iter().flatten()).cloned().collect();
         let truth: Vec<&Value> = cells.iter().map(|c| &c["truth"]).collect();
         let seeds: Vec<u64> = (self.seed..self.seed.saturating_add(self.seeds.max(1))).collect();
-        let kind = cells.first().map_or(json!("none"), |c| c["kind"].clone());
+        let of = |what: &str| cells.first().map_or(json!("none"), |c| c[what].clone());
         let provenance = Provenance {
             command: std::env::args().collect::<Vec<_>>().join(" "),
             version: env!("CARGO_PKG_VERSION").to_owned(),
-            data: json!({"kind": kind, "seeds": seeds, "labels": self.labels}),
+            data: json!({"kind": of("kind"), "split": of("split"), "seeds": seeds, "labels": self.labels}),
             weights: weights.provenance(),
             machine: json!({"cpu": pipeline::cpu_name(), "threads": rayon::current_num_threads()}),
             params: params.clone(),
