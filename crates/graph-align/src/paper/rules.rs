@@ -1,7 +1,7 @@
 //! GRAPHUPDATE's rules (i) to (iii): what a query node is, given a transform.
 
 use super::{NearReading, PaperParams};
-use crate::{NodeId, SceneGraph, Verdict};
+use crate::{Node, NodeId, SceneGraph, Verdict};
 use nalgebra::Isometry3;
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -17,18 +17,15 @@ pub fn verdicts(
     reference_from_query: &Isometry3<f32>,
     params: &PaperParams,
 ) -> BTreeMap<NodeId, Verdict> {
-    let mut by_x: Vec<(f32, NodeId)> = reference.nodes().map(|n| (n.bounds.centroid().x, n.id)).collect();
-    by_x.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+    let x_of = |n: &Node| n.bounds.centroid().x;
+    let mut by_x: Vec<Node> = reference.nodes().collect();
+    by_x.sort_by(|a, b| x_of(a).total_cmp(&x_of(b)).then(a.id.cmp(&b.id)));
     let mut pairs = Vec::new();
     for q in query.nodes() {
         let bounds = q.bounds.transformed(reference_from_query);
         let x = bounds.centroid().x;
-        let from = by_x.partition_point(|p| p.0 < x - params.theta_dis);
-        for &(rx, id) in &by_x[from..] {
-            if rx > x + params.theta_dis {
-                break;
-            }
-            let Some(r) = reference.node(id) else { continue };
+        let from = by_x.partition_point(|r| x_of(r) < x - params.theta_dis);
+        for r in by_x[from..].iter().take_while(|r| x_of(r) <= x + params.theta_dis) {
             let (distance, iou) = (bounds.distance(&r.bounds), bounds.iou(&r.bounds));
             let same_label = q.label == r.label;
             let overlaps =

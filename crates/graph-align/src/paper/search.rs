@@ -1,7 +1,7 @@
 //! GRAPHSEARCH: growing a map from an anchor along edges.
 
 use super::PaperParams;
-use crate::{NodeId, PredicateId, SceneGraph};
+use crate::{LabelId, Node, NodeId, PredicateId, SceneGraph};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 use std::cmp::Ordering;
@@ -19,36 +19,36 @@ pub(super) struct Found {
 #[derive(Clone, Copy)]
 struct Neighbour {
     id: NodeId,
+    label: LabelId,
     predicate: PredicateId,
     /// True when the edge starts at the node whose list this is.
     outward: bool,
 }
 
 /// Nodes with what the search needs of them, in an order that does not depend on ids.
-struct Adjacency<'a> {
-    graph: &'a SceneGraph,
+struct Adjacency {
     lists: BTreeMap<NodeId, Vec<Neighbour>>,
-    order: Vec<NodeId>,
+    order: Vec<(NodeId, LabelId)>,
 }
 
-impl<'a> Adjacency<'a> {
-    fn new(graph: &'a SceneGraph) -> Self {
-        let mut order: Vec<NodeId> = graph.nodes().map(|n| n.id).collect();
-        order.sort_by(|a, b| by_content(graph, *a, *b));
-        let lists = order
-            .iter()
-            .map(|&id| {
-                let out = graph.outgoing(id).map(|e| Neighbour { id: e.t, predicate: e.p, outward: true });
-                let inc = graph.incoming(id).map(|e| Neighbour { id: e.s, predicate: e.p, outward: false });
-                let mut list: Vec<_> = out.chain(inc).collect();
-                list.sort_by(|a, b| {
-                    by_content(graph, a.id, b.id)
-                        .then_with(|| (a.predicate, a.outward).cmp(&(b.predicate, b.outward)))
-                });
-                (id, list)
-            })
-            .collect();
-        Self { graph, lists, order }
+impl Adjacency {
+    fn new(graph: &SceneGraph) -> Self {
+        let mut nodes: Vec<Node> = graph.nodes().collect();
+        nodes.sort_by(by_content);
+        let ranks: BTreeMap<NodeId, usize> = nodes.iter().enumerate().map(|(k, n)| (n.id, k)).collect();
+        // Both ends of an edge are in the graph.
+        let rank = |id| ranks.get(&id).copied().unwrap_or(0);
+        let step =
+            |id, predicate, outward| Neighbour { id, label: nodes[rank(id)].label, predicate, outward };
+        let list = |n: &Node| {
+            let out = graph.outgoing(n.id).map(|e| step(e.t, e.p, true));
+            let inc = graph.incoming(n.id).map(|e| step(e.s, e.p, false));
+            let mut list: Vec<_> = out.chain(inc).collect();
+            list.sort_by_key(|n| (rank(n.id), n.predicate, n.outward));
+            (n.id, list)
+        };
+        let lists = nodes.iter().map(list).collect();
+        Self { lists, order: nodes.iter().map(|n| (n.id, n.label)).collect() }
     }
 
     fn of(&self, id: NodeId) -> &[Neighbour] {
@@ -57,22 +57,14 @@ impl<'a> Adjacency<'a> {
 }
 
 /// Order by class, place, size and score; ids decide between nodes that are equal in all of them.
-fn by_content(graph: &SceneGraph, a: NodeId, b: NodeId) -> Ordering {
-    let key = |id| {
-        graph.node(id).map(|n| {
-            let (c, e) = (n.bounds.centroid(), n.bounds.extent());
-            (n.label, [c.x, c.y, c.z, e.x, e.y, e.z, n.score])
-        })
+fn by_content(a: &Node, b: &Node) -> Ordering {
+    let numbers = |n: &Node| {
+        let (c, e) = (n.bounds.centroid(), n.bounds.extent());
+        [c.x, c.y, c.z, e.x, e.y, e.z, n.score]
     };
-    match (key(a), key(b)) {
-        (Some((la, ka)), Some((lb, kb))) => la
-            .cmp(&lb)
-            .then_with(|| {
-                ka.iter().zip(&kb).map(|(x, y)| x.total_cmp(y)).find(|o| o.is_ne()).unwrap_or(Ordering::Equal)
-            })
-            .then(a.cmp(&b)),
-        _ => a.cmp(&b),
-    }
+    let (x, y) = (numbers(a), numbers(b));
+    let differ = x.iter().zip(&y).map(|(x, y)| x.total_cmp(y)).find(|o| o.is_ne());
+    a.label.cmp(&b.label).then(differ.unwrap_or(Ordering::Equal)).then(a.id.cmp(&b.id))
 }
 
 /// Tries anchors in a seeded random order; each is mapped to every reference node of its class in
@@ -87,12 +79,8 @@ pub(super) fn search(reference: &SceneGraph, query: &SceneGraph, params: &PaperP
     }
     let mut run = Run { q: &q, r: &r, params, work: 0, map: NodeMap::new(), visit: BTreeSet::new() };
     let mut best = NodeMap::new();
-    for anchor in anchors {
-        let label = query.node(anchor).map(|n| n.label);
-        for &candidate in &r.order {
-            if reference.node(candidate).map(|n| n.label) != label {
-                continue;
-            }
+    for (anchor, label) in anchors {
+        for &(candidate, _) in r.order.iter().filter(|c| c.1 == label) {
             if params.reset {
                 run.map.clear();
                 run.visit.clear();
@@ -114,8 +102,8 @@ pub(super) fn search(reference: &SceneGraph, query: &SceneGraph, params: &PaperP
 }
 
 struct Run<'a> {
-    q: &'a Adjacency<'a>,
-    r: &'a Adjacency<'a>,
+    q: &'a Adjacency,
+    r: &'a Adjacency,
     params: &'a PaperParams,
     work: u64,
     map: NodeMap,
@@ -181,9 +169,8 @@ impl Run<'_> {
     }
 
     fn fits(&self, u: &Neighbour, v: &Neighbour) -> bool {
-        let label = |g: &SceneGraph, id| g.node(id).map(|n| n.label);
         let edge = !self.params.compare_predicates || (u.predicate == v.predicate && u.outward == v.outward);
         let free = !self.params.injective || self.map.iter().all(|(q, r)| *r != v.id || *q == u.id);
-        edge && label(self.q.graph, u.id) == label(self.r.graph, v.id) && free
+        edge && u.label == v.label && free
     }
 }
