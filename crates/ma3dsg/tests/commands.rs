@@ -289,3 +289,71 @@ fn merge_align_and_export_on_graph_files() {
         scan3r::ply::read_ply(&fs::read(dir.path().join("x.ply")).unwrap(), Path::new("x.ply")).unwrap();
     assert_eq!(mesh.points.len(), 9 * 8);
 }
+
+/// The shipped weights with some of their outputs, in another order: rows of the last layers, and their names.
+fn with_outputs(classes: &[usize], predicates: &[usize]) -> Vec<u8> {
+    let shipped =
+        fs::read(concat!(env!("CARGO_MANIFEST_DIR"), "/../../fixtures/weights/sgfn-l20.safetensors"))
+            .unwrap();
+    let (length, rest) = shipped.split_first_chunk::<8>().unwrap();
+    let (header, data) = rest.split_at(u64::from_le_bytes(*length) as usize);
+    let mut header: Value = serde_json::from_slice(header).unwrap();
+    let mut out = Vec::new();
+    for (name, tensor) in header.as_object_mut().unwrap() {
+        let keep = match name.as_str() {
+            "__metadata__" => {
+                for (what, keep) in [("class_names", classes), ("predicate_names", predicates)] {
+                    let all = tensor[what].as_str().unwrap().to_owned();
+                    let all: Vec<&str> = all.lines().collect();
+                    tensor[what] = json!(keep.iter().map(|k| all[*k]).collect::<Vec<_>>().join("\n"));
+                }
+                continue;
+            }
+            "obj_predictor.fc3.weight" | "obj_predictor.fc3.bias" => Some(classes),
+            "rel_predictor.fc3.weight" | "rel_predictor.fc3.bias" => Some(predicates),
+            _ => None,
+        };
+        let [from, to] = [0, 1].map(|k| tensor["data_offsets"][k].as_u64().unwrap() as usize);
+        let bytes = &data[from..to];
+        let start = out.len();
+        if let Some(keep) = keep {
+            let row = bytes.len() / tensor["shape"][0].as_u64().unwrap() as usize;
+            keep.iter().for_each(|k| out.extend(&bytes[k * row..(k + 1) * row]));
+            tensor["shape"][0] = json!(keep.len());
+        } else {
+            out.extend(bytes);
+        }
+        tensor["data_offsets"] = json!([start, out.len()]);
+    }
+    let header = serde_json::to_vec(&header).unwrap();
+    [&(header.len() as u64).to_le_bytes()[..], &header, &out].concat()
+}
+
+/// Published SGFN weights have 20 classes and no `none`, in an order of their own.
+#[test]
+fn weights_may_name_their_outputs_in_any_order_and_lack_none() {
+    let dir = tempfile::tempdir().expect("folder");
+    let weights = dir.path().join("weights.safetensors");
+    let bench = |classes: Vec<usize>, predicates: Vec<usize>| {
+        fs::write(&weights, with_outputs(&classes, &predicates)).expect("weights");
+        let out = text(&dir.path().join("run"));
+        let args =
+            ["bench", "--domain", "1", "--agents", "2", "--overlap", "1", "--scenario", "scp", "--seed", "6"];
+        let more = ["--systems", "sgfn,ma3dsg", "--weights", &text(&weights), "--out", &out];
+        done(&[&args[..], &more].concat());
+        let rates = |row: &Value| ["object", "predicate", "triplet"].map(|of| row[of]["f1"].as_f64());
+        let report = read(&dir.path().join("run/report.json"));
+        report["rows"].as_array().unwrap().iter().map(rates).collect::<Vec<_>>()
+    };
+    let all = |n: usize| (0..n).collect::<Vec<_>>();
+    let back = |n: usize| (0..n).rev().collect::<Vec<_>>();
+    let shipped = bench(all(21), all(9));
+    assert!(shipped[0][0] > Some(40.0), "{shipped:?}");
+    assert_eq!(bench(back(21), back(9)), shipped);
+    let bare = bench(all(20), all(8));
+    assert!(bare[0][0] > Some(20.0) && bare != shipped, "{bare:?}");
+    assert_eq!(bench(back(20), back(8)), bare);
+    fs::write(&weights, with_outputs(&all(19), &all(9))).expect("weights");
+    let out = run(&["bench", "--domain", "1", "--weights", &text(&weights)]);
+    assert!(String::from_utf8_lossy(&out.stderr).contains("lack the class \"window\""), "{out:?}");
+}

@@ -161,22 +161,22 @@ pub fn run_visit(
     robot.infer().map_err(pipeline)?;
     let set = robot.nodes().map_err(pipeline)?;
     let objects = robot.objects(&set).map_err(pipeline)?;
-    let (network, node_of) = graph_of(&objects, p, false)?;
+    let own = Names::of_network(p);
+    let (network, node_of) = graph_of(&objects, &own, p, false)?;
     cpu_s += (p.clocks.cpu)() - start;
     let scan_from_frame = frame_from_scan.inverse();
     let teacher = Teacher::new(data, &visit.scan, surface, p.labels)?;
     let in_scan = moved(&set, &scan_from_frame);
     let taught = teacher.teach(Kind::End, in_scan);
     let mut graphs = BTreeMap::from([(Variant::Network, network.quantised())]);
+    let truth = Names::of_truth(p);
     for &v in p.variants.iter().filter(|v| **v != Variant::Network) {
         let graph = match v {
             Variant::Network => continue,
-            Variant::Full => graph_of(&objects, p, true)?.0,
-            Variant::Rules => graph_of(&joined(&set, &rule_scores(&set, p.labels), p)?, p, false)?.0,
-            Variant::Majority => graph_of(&joined(&set, &majority_scores(&set, p.labels), p)?, p, false)?.0,
-            Variant::OracleLabels => {
-                graph_of(&joined(&set, &taught_scores(&taught, p.labels), p)?, p, false)?.0
-            }
+            Variant::Full => graph_of(&objects, &own, p, true)?.0,
+            Variant::Rules => graph_by(&set, &rule_scores(&set, p.labels), &truth, p)?,
+            Variant::Majority => graph_by(&set, &majority_scores(&set, p.labels), &truth, p)?,
+            Variant::OracleLabels => graph_by(&set, &taught_scores(&taught, p.labels), &truth, p)?,
             Variant::OracleSegments => true_segments(&robot, &teacher, &frame_from_scan, p)?,
         };
         graphs.insert(v, graph.quantised());
@@ -226,7 +226,7 @@ fn revision(robot: &Robot<'_>, at_s: f64, p: &LocalParams<'_>) -> Result<Revisio
     let mut graphs = BTreeMap::new();
     for (variant, unnamed) in [(Variant::Network, false), (Variant::Full, true)] {
         if variant == Variant::Network || p.variants.contains(&variant) {
-            let (graph, node_of) = graph_of(&objects, p, unnamed)?;
+            let (graph, node_of) = graph_of(&objects, &Names::of_network(p), p, unnamed)?;
             graphs.insert(variant, named_by_segments(&graph, &set, &node_of).quantised());
         }
     }
@@ -254,19 +254,40 @@ fn named_by_segments(graph: &SceneGraph, set: &NodeSet, node_of: &[Option<NodeId
     out
 }
 
-/// Objects by scores other than the robot's own.
-fn joined(set: &NodeSet, scores: &Scores, p: &LocalParams<'_>) -> Result<Objects, Error> {
-    let (_, predicates) = crate::samples::output_names(p.labels);
-    Objects::join(set, scores, &predicates, p.robot.graph.min_same_part, p.robot.nodes.gap)
-        .map_err(|e| Error::Pipeline(e.to_string()))
+/// What the places of scores mean.
+struct Names {
+    classes: Vec<String>,
+    predicates: Vec<String>,
+}
+
+impl Names {
+    /// Of what the network says.
+    fn of_network(p: &LocalParams<'_>) -> Self {
+        let c = p.model.config();
+        Self { classes: c.class_names.clone(), predicates: c.predicate_names.clone() }
+    }
+
+    /// Of what the truth and the rules say.
+    fn of_truth(p: &LocalParams<'_>) -> Self {
+        let (classes, predicates) = crate::samples::output_names(p.labels);
+        Self { classes, predicates }
+    }
+}
+
+/// The graph of scores other than the robot's own.
+fn graph_by(set: &NodeSet, scores: &Scores, names: &Names, p: &LocalParams<'_>) -> Result<SceneGraph, Error> {
+    let RobotParams { graph, nodes, .. } = &p.robot;
+    let objects = Objects::join(set, scores, &names.predicates, graph.min_same_part, nodes.gap)
+        .map_err(|e| Error::Pipeline(e.to_string()))?;
+    Ok(graph_of(&objects, names, p, false)?.0)
 }
 
 fn graph_of(
     objects: &Objects,
+    names: &Names,
     p: &LocalParams<'_>,
     unnamed: bool,
 ) -> Result<(SceneGraph, Vec<Option<NodeId>>), Error> {
-    let (classes, predicates) = crate::samples::output_names(p.labels);
     let g = GraphParams {
         multi: p.model.config().edge_scores == EdgeScores::Multi,
         unnamed,
@@ -275,7 +296,7 @@ fn graph_of(
         ..p.robot.graph.clone()
     };
     let mut vocabulary = p.vocabulary.clone();
-    build_graph(objects, &classes, &predicates, &mut vocabulary, &g)
+    build_graph(objects, &names.classes, &names.predicates, &mut vocabulary, &g)
         .map_err(|e| Error::Pipeline(e.to_string()))
 }
 
@@ -324,7 +345,7 @@ fn true_segments(
         classes: (0..c.rows()).map(|k| c.row(k).to_vec()).collect(),
         predicates: (0..q.rows()).map(|k| q.row(k).to_vec()).collect(),
     };
-    Ok(graph_of(&joined(&set, &scores, p)?, p, false)?.0)
+    graph_by(&set, &scores, &Names::of_network(p), p)
 }
 
 /// The instance of a node is that of its largest segment.

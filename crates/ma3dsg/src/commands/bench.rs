@@ -117,6 +117,27 @@ pub(crate) struct Args {
     resume: bool,
 }
 
+/// What the weights name has to be of the label set: all of it, without `none` and `same part` where they know none.
+fn fit(weights: &Weights, labels: LabelSet) -> Result<()> {
+    let (classes, predicates) = bench_3rscan::samples::output_names(labels);
+    let c = weights.model.config();
+    for (what, own, set) in
+        [("class", &c.class_names, &classes), ("predicate", &c.predicate_names, &predicates)]
+    {
+        if own.is_empty() {
+            bail!("{}: no metadata {what}_names: see docs/bring-3rscan.md", weights.file);
+        }
+        if let Some(other) = own.iter().find(|n| !set.contains(n)) {
+            bail!("--labels {}: the weights ({}) name the {what} {other:?}", labels.name(), weights.file);
+        }
+        let must = |n: &&String| ![agent::NONE, agent::SAME_PART].contains(&n.as_str());
+        if let Some(lacking) = set.iter().filter(must).find(|n| !own.contains(n)) {
+            bail!("--labels {}: the weights ({}) lack the {what} {lacking:?}", labels.name(), weights.file);
+        }
+    }
+    Ok(())
+}
+
 /// The splits of some rooms, each once.
 fn splits(rooms: &[RoomEntry]) -> String {
     let all: BTreeSet<&str> = rooms.iter().map(|r| r.split.as_str()).collect();
@@ -141,17 +162,7 @@ impl Args {
         let Some(labels) = LabelSet::parse(&self.labels) else {
             bail!("--labels {:?}, want l20 or l160", self.labels);
         };
-        let (classes, predicates) = bench_3rscan::samples::output_names(labels);
-        let c = weights.model.config();
-        if c.class_names != classes || c.predicate_names != predicates {
-            bail!(
-                "--labels {}: the weights ({}) name {} class and {} predicate outputs of another set",
-                labels.name(),
-                weights.file,
-                c.classes,
-                c.predicates
-            );
-        }
+        fit(&weights, labels)?;
         let cells = self.cells()?;
         let mine = self.mine(cells.len())?;
         let params = self.params(&weights);
