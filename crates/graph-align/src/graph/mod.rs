@@ -162,13 +162,17 @@ impl SceneGraph {
     /// Takes out all edges that start or end at a node.
     pub fn remove_edges(&mut self, id: NodeId) {
         let subjects: Vec<NodeId> = self.subjects(id).collect();
-        let mut objects: Vec<NodeId> = self.outgoing(id).map(|e| e.t).collect();
-        objects.dedup();
         for s in subjects {
             self.remove_edges_between(s, id);
         }
-        for t in objects {
-            self.remove_edges_between(id, t);
+        let objects: Vec<NodeId> = self.outgoing(id).map(|e| e.t).collect();
+        if let Some(at) = self.nodes.find(id) {
+            self.edges -= self.nodes.part(at, |_| true);
+        }
+        if let Some(pairs) = self.pairs.get_mut() {
+            objects.into_iter().for_each(|t| {
+                pairs.remove(&(t, id));
+            });
         }
     }
 

@@ -5,8 +5,10 @@ use super::{Node, NodeId, Others};
 use crate::{Box3, Footprint, LabelId, PredicateId};
 use nalgebra::{Point3, Vector3};
 
-/// Most nodes of a chunk: what an insertion moves at most.
+/// Most nodes of a chunk, and most edges if it has more nodes than one: what an insertion moves at most. Tests reach the
+/// one with few edges.
 const CHUNK: usize = 64;
+const EDGES: usize = if cfg!(test) { 16 } else { 4096 };
 
 /// A node as it is kept.
 #[derive(Clone)]
@@ -208,21 +210,29 @@ impl Store {
             return;
         };
         chunk.insert(at.node, node);
-        let n = chunk.nodes.len();
-        if n > CHUNK {
-            let half = chunk.split_off(n / 2);
-            self.chunks.insert(at.chunk + 1, half);
+        if chunk.nodes.len() > CHUNK {
+            self.halve(at.chunk);
         }
+    }
+
+    fn halve(&mut self, chunk: usize) {
+        let half = self.chunks[chunk].nodes.len() / 2;
+        let half = self.chunks[chunk].split_off(half);
+        self.chunks.insert(chunk + 1, half);
     }
 
     /// Takes a node out, and the edges that start at it.
     pub(super) fn remove(&mut self, at: Place) -> Node {
         let node = self.chunks[at.chunk].remove(at.node);
         self.len -= 1;
-        let left = self.chunks[at.chunk].nodes.len();
-        if left == 0 {
+        let left = &self.chunks[at.chunk];
+        let few = |next: &Chunk| {
+            let (nodes, edges) = (next.nodes.len() + left.nodes.len(), next.out.len() + left.out.len());
+            nodes <= CHUNK / 2 && edges <= EDGES / 2
+        };
+        if left.nodes.is_empty() {
             self.chunks.remove(at.chunk);
-        } else if self.chunks.get(at.chunk + 1).is_some_and(|n| n.nodes.len() + left <= CHUNK / 2) {
+        } else if self.chunks.get(at.chunk + 1).is_some_and(few) {
             let next = self.chunks.remove(at.chunk + 1);
             self.chunks[at.chunk].append(next);
         }
@@ -268,7 +278,7 @@ impl Store {
 
     /// Adds an edge, or raises its score; whether it is new.
     pub(super) fn relate(&mut self, at: Place, t: NodeId, p: PredicateId, score: f32) -> bool {
-        let Chunk { out, .. } = &mut self.chunks[at.chunk];
+        let Chunk { nodes, out, .. } = &mut self.chunks[at.chunk];
         let s = at.node as u8;
         match out.binary_search_by(|o| (o.s, o.t, o.p).cmp(&(s, t, p))) {
             Ok(k) => {
@@ -277,6 +287,9 @@ impl Store {
             }
             Err(k) => {
                 out.insert(k, Out { t, score, p, s });
+                if out.len() > EDGES && nodes.len() > 1 {
+                    self.halve(at.chunk);
+                }
                 true
             }
         }
@@ -284,10 +297,9 @@ impl Store {
 
     /// Takes out edges of a node; how many.
     pub(super) fn part(&mut self, at: Place, gone: impl Fn(&Out) -> bool) -> usize {
-        let Chunk { out, .. } = &mut self.chunks[at.chunk];
-        let before = out.len();
-        out.retain(|o| usize::from(o.s) != at.node || !gone(o));
-        before - out.len()
+        let chunk = &mut self.chunks[at.chunk];
+        let own = chunk.behind(at.node)..chunk.behind(at.node + 1);
+        chunk.out.extract_if(own, |o| gone(o)).count()
     }
 
     /// Changes the scores of all edges.
