@@ -1,15 +1,17 @@
 //! The scene graph: objects and what relates them.
 
+mod chunk;
 mod others;
 mod store;
 
 use crate::footprint::Grid;
 use crate::{Box3, Error, LabelId, PredicateId};
+use chunk::Out;
 pub use others::Others;
 use std::collections::BTreeSet;
 use std::fmt;
 use std::sync::OnceLock;
-use store::{Out, Store};
+use store::Store;
 
 /// Names a node within one graph.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
