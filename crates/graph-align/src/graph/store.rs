@@ -1,6 +1,6 @@
 //! Nodes and the edges that start at them, in the order of their ids, in chunks.
 
-use super::chunk::{CHUNK, Chunk, EDGES, Out, Packed};
+use super::chunk::{CHUNK, Chunk, EDGES, Out};
 use super::{Node, NodeId};
 use crate::PredicateId;
 
@@ -161,7 +161,7 @@ impl Store {
 /// What the wire needs: lists in the order of places.
 #[cfg(any(feature = "wire", test))]
 impl Store {
-    pub(super) const NODE_MEMORY: usize = size_of::<Packed>();
+    pub(super) const NODE_MEMORY: usize = size_of::<super::chunk::Packed>();
     pub(super) const EDGE_MEMORY: usize = size_of::<Out>();
 
     /// Of `n` nodes with rising ids, in no more memory than they take: which have a footprint is known before.
