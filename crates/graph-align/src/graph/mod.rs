@@ -322,8 +322,8 @@ impl SceneGraph {
 #[cfg(feature = "wire")]
 impl SceneGraph {
     /// Bytes of a node but for its footprint, and of an edge.
-    pub(crate) const NODE_MEMORY: usize = Store::NODE_MEMORY;
-    pub(crate) const EDGE_MEMORY: usize = Store::EDGE_MEMORY;
+    pub(crate) const NODE_MEMORY: usize = size_of::<chunk::Packed>();
+    pub(crate) const EDGE_MEMORY: usize = size_of::<Out>();
 
     /// Of `n` nodes with rising ids, of which it is known before which have a footprint, in no more memory than they
     /// take.

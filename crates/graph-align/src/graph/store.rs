@@ -161,9 +161,6 @@ impl Store {
 /// What the wire needs: lists in the order of places.
 #[cfg(any(feature = "wire", test))]
 impl Store {
-    pub(super) const NODE_MEMORY: usize = size_of::<super::chunk::Packed>();
-    pub(super) const EDGE_MEMORY: usize = size_of::<Out>();
-
     /// Of `n` nodes with rising ids, in no more memory than they take: which have a footprint is known before.
     pub(super) fn rising<E>(
         n: usize,
