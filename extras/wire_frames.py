@@ -162,7 +162,7 @@ def frame(classes, predicates, o):
     out.c([e[3] for e in ends])
     cells = looked(out, *o["looked"]) if flags & 2 else 0
     data = b"MSG5" + bytes([flags]) + fnv(words).to_bytes(4, "little") + out.bytes()
-    least = 9 + 10 * len(nodes) + 5 * sum("yaw" in n for n in nodes) + 2 * len(edges) + cells // 64
+    least = 9 + 10 * len(nodes) + 5 * sum("yaw" in n for n in nodes) + 2 * len(edges) + -(-cells // 64)
     return data + bytes(max(0, least - len(data)))
 
 
